@@ -1,0 +1,1 @@
+"""Standardised, fold-free 2D maps of the left atrium."""

@@ -1,0 +1,1 @@
+"""From a raw atrium to the open cavity that is flattened."""

@@ -1,0 +1,1 @@
+"""Solvers that bring the cavity into the plane."""
