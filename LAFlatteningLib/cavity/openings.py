@@ -1,0 +1,200 @@
+"""The open cavity: which rims a surface has, their covers, and the surface between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import operators, topology
+from ..anatomy import Anatomy
+from ..errors import SurfaceError
+from ..surface import FloatArray, IntArray, Surface
+from .covers import close_rims
+
+HOLE_ARRAY = "hole"
+"""Point array that marks the inner points of covers with 1."""
+POINT_ID_ARRAY = "surface_point_id"
+"""Point array of the cavity: id of the point in the surface that was given."""
+
+SIZE_LIMITS_MM = (20.0, 1000.0)
+"""Plausible diagonal of the bounding box of a heart chamber."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cavity:
+    """An atrium between its rims, with its covers.
+
+    Attributes
+    ----------
+    closed : the surface with every hole covered; only the outer rim is open. Outward oriented.
+    cover : (triangles of `closed`,) number of the hole that a triangle covers, -1 on the cavity itself.
+    surface : the cavity alone, with the point array ``surface_point_id``.
+    ids : (points of `surface`,) their ids in `closed`.
+    rims : for each hole, its rim as ordered ids of `surface`, surface on the left
+        (clockwise round the hole on the map).
+    outer : the outer rim, likewise (counter-clockwise on the map).
+    notes : what was repaired on the way, for the user.
+    """
+
+    closed: Surface
+    cover: IntArray
+    surface: Surface
+    ids: IntArray
+    rims: tuple[IntArray, ...]
+    outer: IntArray
+    notes: tuple[str, ...] = ()
+
+    def cover_points(self, hole: int) -> IntArray:
+        """Ids in `closed` of the points inside a cover (its rim left out)."""
+        points = np.unique(self.closed.triangles[self.cover == hole])
+        return points[~np.isin(points, self.ids)]
+
+
+def describe_loops(surface: Surface, loops: list[IntArray]) -> str:
+    """A line for each rim: perimeter and centre, for messages."""
+    return "; ".join(
+        f"{surface.loop_length(loop):.0f} mm round ({', '.join(f'{x:.0f}' for x in surface.points[loop].mean(axis=0))})"
+        for loop in loops
+    )
+
+
+def check_surface(surface: Surface) -> tuple[Surface, list[str]]:
+    """Check that a surface is one connected, orientable manifold without handles, of plausible size.
+
+    Returns
+    -------
+    surface : the same, with triangles turned the same way where they were not.
+    notes : what was mended.
+
+    Raises
+    ------
+    SurfaceError : saying what is wrong, where, and what to do.
+    """
+    notes: list[str] = []
+    low, high = surface.points[surface.used_points].min(axis=0), surface.points[surface.used_points].max(axis=0)
+    size = float(np.linalg.norm(high - low))
+    if not SIZE_LIMITS_MM[0] <= size <= SIZE_LIMITS_MM[1]:
+        # The unit in which the size would be that of a heart, about 100 mm across.
+        factor, unit = min(
+            [(1000.0, "metres"), (10.0, "centimetres"), (0.001, "micrometres")],
+            key=lambda option: abs(np.log(max(size, 1e-12) * option[0] / 100.0)),
+        )
+        raise SurfaceError(
+            f"The surface is {size:.3g} mm across; expected a heart chamber of {SIZE_LIMITS_MM[0]:.0f} to "
+            f"{SIZE_LIMITS_MM[1]:.0f} mm. The coordinates look like {unit}: multiply them by {factor:g} to get mm."
+        )
+    if surface.component_count > 1:
+        sizes = np.sort(np.bincount(surface.components))[::-1]
+        raise SurfaceError(
+            f"The surface has {len(sizes)} separate pieces (of {', '.join(map(str, sizes[:5]))} triangles); expected "
+            "one. Keep the largest piece (in Slicer: Surface Toolbox, Extract largest component) or the right one."
+        )
+    bad = surface.non_manifold_points
+    if len(bad):
+        place = ", ".join(f"{x:.1f}" for x in surface.points[bad[0]])
+        raise SurfaceError(
+            f"The surface is not a clean sheet at {len(bad)} points (the first is point {bad[0]} at {place} mm): more "
+            "than two triangles share an edge, or two sheets touch in a point. Clean or remesh the surface."
+        )
+    if not surface.is_oriented:
+        surface = surface.with_triangles(topology.orient(surface.triangles, surface.edges))
+        notes.append("Triangles were not all turned the same way; they were made consistent.")
+    if surface.genus > 0:
+        raise SurfaceError(
+            f"The surface has {surface.genus} handle{'s' if surface.genus > 1 else ''} (like the handle of a cup), "
+            "usually veins or the appendage touching each other; expected none. Separate them in the segmentation "
+            "and make the surface again."
+        )
+    return surface, notes
+
+
+def make_cavity(surface: Surface, anatomy: Anatomy, outer_points: FloatArray) -> Cavity:
+    """Find the openings of a surface, cover its holes and separate the cavity from the covers.
+
+    Parameters
+    ----------
+    surface : an atrium open at every opening; or with covers over some of them, their inner points marked
+        by a point array ``hole`` = 1 (rim points 0).
+    outer_points : (k, 3) points near the rim that becomes the outer rim of the map: the seeds on it.
+
+    Raises
+    ------
+    SurfaceError : not a clean surface (`check_surface`), or another number of openings than the anatomy has.
+    """
+    surface, notes = check_surface(surface)
+    cover = _marked_covers(surface)
+    open_loops = surface.boundary_loops
+    covered = int(cover.max()) + 1
+    expected = len(anatomy.openings)
+    if len(open_loops) + covered != expected or not open_loops:
+        found = f"{len(open_loops)} open" + (f" and {covered} covered" if covered else "")
+        detail = f": {describe_loops(surface, open_loops)}" if open_loops else ""
+        raise SurfaceError(
+            f"Expected {expected} openings ({', '.join(anatomy.openings)}), {anatomy.outer} open; found {found}{detail}. "
+            + (
+                "Cut the missing ones open first."
+                if len(open_loops) + covered < expected or not open_loops
+                else "Close the openings that are none, or mark them as covered."
+            )
+        )
+    outer = _nearest_loop(surface, open_loops, outer_points)
+    to_close = [loop for k, loop in enumerate(open_loops) if k != outer]
+    if to_close:
+        closed, added = close_rims(surface, to_close)
+        cover = np.where(added >= 0, added + covered, np.concatenate([cover, np.full(len(added) - len(cover), -1)]))
+    else:
+        closed = surface
+    outer_loop = open_loops[outer]
+    if operators.signed_volume(closed.points, closed.triangles, closed.points[outer_loop].mean(axis=0)) < 0:
+        closed = closed.with_triangles(closed.triangles[:, ::-1].copy())
+        notes.append("Triangles faced inwards; they were turned outwards.")
+    part, ids = closed.submesh(cover < 0)
+    part = part.with_data({POINT_ID_ARRAY: ids})
+    if len(part.boundary_loops) != expected:
+        raise SurfaceError(
+            f"The cavity between the covers has {len(part.boundary_loops)} rims, expected {expected}: covers touch each "
+            "other or the outer rim. Leave at least one row of triangles between openings."
+        )
+    new_outer = set(outer_loop.tolist())
+    rims: dict[int, IntArray] = {}
+    for loop in part.boundary_loops:
+        if int(ids[loop[0]]) in new_outer:
+            outer_rim = loop
+        else:
+            rims[_cover_at(closed, cover, ids[loop])] = loop
+    return Cavity(closed, cover, part, ids, tuple(rims[k] for k in sorted(rims)), outer_rim, tuple(notes))
+
+
+def _marked_covers(surface: Surface) -> IntArray:
+    """(m,) number of the cover that each triangle belongs to, going by the array ``hole``; -1 for none."""
+    none = np.full(len(surface.triangles), -1, np.int64)
+    if HOLE_ARRAY not in surface.point_data:
+        return none
+    marked = (surface.point_data[HOLE_ARRAY].reshape(len(surface.points), -1)[:, 0] > 0.5)[surface.triangles].any(axis=1)
+    if not marked.any():
+        return none
+    if marked.all():
+        raise SurfaceError('The point array "hole" marks the whole surface as covers; expected 1 on covers only.')
+    part = topology.triangle_components(
+        surface.triangles, surface.edges, marked[surface.edges.triangles[:, 0]] != marked[surface.edges.triangles[:, 1]]
+    )
+    _, none[marked] = np.unique(part[marked], return_inverse=True)
+    return none
+
+
+def _nearest_loop(surface: Surface, loops: list[IntArray], points: FloatArray) -> int:
+    """The rim to which the points are closest on average (median distance)."""
+    distance = [
+        np.median(np.linalg.norm(surface.points[loop][None] - points[:, None], axis=2).min(axis=1)) for loop in loops
+    ]
+    return int(np.argmin(distance))
+
+
+def _cover_at(closed: Surface, cover: IntArray, rim: IntArray) -> int:
+    """The cover that a rim (ids of `closed`) belongs to."""
+    a, b = sorted((int(rim[0]), int(rim[1])))
+    edges = closed.edges
+    index = np.flatnonzero((edges.points[:, 0] == a) & (edges.points[:, 1] == b))[0]
+    return int(cover[edges.triangles[index]].max())

@@ -1,0 +1,130 @@
+"""The result of a flattening: the map, what it was made with, and how good it is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from .. import distortion
+from .._version import __version__
+from ..cavity.openings import POINT_ID_ARRAY, Cavity
+from ..constraints import Constraints
+from ..division import Division
+from ..seeds import SnappedSeeds
+from ..surface import FloatArray, IntArray, Surface
+from ..template import Template
+
+REGION_ARRAY = "region"
+"""Cell array of a map: the number of the region."""
+
+
+@dataclass(frozen=True, eq=False)
+class FlatMap:
+    """A cavity laid flat.
+
+    Point ids link the map with the atrium: row i of `points` is the place of point i of `surface`, which is
+    point ``surface.point_data["surface_point_id"][i]`` of the surface that was given.
+
+    Attributes
+    ----------
+    points : (n, 2) map positions, in map units (built-in templates: a disk of radius 0.5).
+    surface : the cavity in 3D, mm, with the triangles of the map (some edges flipped, see `flipped_edges`).
+    regions : (m,) region number of each triangle.
+    cavity, seeds, division, constraints : the steps before.
+    template, method, rounding : how it was made; rounding only for the method "paper".
+    flipped_edges : edges of the cavity that would have crossed a hole of the map and were flipped.
+    freed_path_points : ids of path points that left their line so that no triangle folds.
+    seconds : stage -> time, and "total".
+    """
+
+    points: FloatArray
+    surface: Surface
+    regions: IntArray
+    cavity: Cavity
+    seeds: SnappedSeeds
+    division: Division
+    constraints: Constraints
+    template: Template
+    method: str
+    rounding: str | None
+    flipped_edges: int
+    freed_path_points: IntArray
+    seconds: Mapping[str, float]
+
+    @property
+    def triangles(self) -> IntArray:
+        """(m, 3) point ids, counter-clockwise on the map."""
+        return self.surface.triangles
+
+    @cached_property
+    def folded_triangles(self) -> IntArray:
+        """Indices of triangles that are turned over on the map."""
+        return distortion.folded_triangles(self.points, self.triangles)
+
+    @cached_property
+    def rim_error(self) -> float:
+        """Largest distance of a rim point from its shape in the template, in disk radii."""
+        worst = 0.0
+        for opening, loop in self.division.loops.items():
+            shape = self.template.rim(opening).shape
+            worst = max(worst, float(shape.distance(self.points[loop]).max()))
+        return worst / self.template.radius
+
+    @cached_property
+    def path_drift(self) -> float:
+        """Largest distance of a path point from its place on the template, in disk radii."""
+        moved = np.linalg.norm(self.points[self.constraints.path_ids] - self.constraints.path_targets, axis=1)
+        return float(moved.max(initial=0.0)) / self.template.radius
+
+    @cached_property
+    def metrics(self) -> dict[str, Any]:
+        """The quality of the map, as written to the metrics file (see Docs/formats.md)."""
+        return {
+            "version": __version__,
+            "method": self.method,
+            "rounding": self.rounding,
+            "template": self.template.name,
+            "points": len(self.points),
+            "triangles": len(self.triangles),
+            "folded_triangles": len(self.folded_triangles),
+            "overlapping_pairs": len(distortion.overlapping_pairs(self.points, self.triangles)),
+            "flipped_edges": self.flipped_edges,
+            "freed_path_points": len(self.freed_path_points),
+            "rim_error": self.rim_error,
+            "path_drift": self.path_drift,
+            **distortion.summary(self.surface.points, self.triangles, self.points),
+            "seed_moved_mm": dict(self.seeds.moved_mm),
+            "notes": list(self.cavity.notes),
+            "seconds": dict(self.seconds),
+        }
+
+    def to_surface(self) -> Surface:
+        """The map as a surface in the plane z = 0, with all arrays of the atrium, ``surface_point_id`` and
+        ``region``; seeds, template, method and version are in its field data.
+        """
+        labels = list(self.template.anatomy.seeds)
+        on_atrium = np.array([self.cavity.closed.points[self.seeds.ids[label]] for label in labels])
+        return Surface(
+            np.column_stack([self.points, np.zeros(len(self.points))]),
+            self.triangles,
+            self.surface.point_data,
+            {**self.surface.cell_data, REGION_ARRAY: self.regions.astype(np.int32)},
+            {
+                **self.surface.field_data,
+                "template": np.array([self.template.name], dtype=object),
+                "method": np.array([self.method], dtype=object),
+                "rounding": np.array([self.rounding or ""], dtype=object),
+                "version": np.array([__version__], dtype=object),
+                "seed_labels": np.array(labels, dtype=object),
+                "seed_positions_mm": on_atrium,
+                "seed_space": np.array([self.surface.space], dtype=object),
+            },
+            self.surface.space,
+        )
+
+
+__all__ = ["POINT_ID_ARRAY", "REGION_ARRAY", "FlatMap"]

@@ -1,0 +1,211 @@
+"""From a surface and its seeds to the map."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from .. import operators
+from ..cavity.openings import Cavity, make_cavity
+from ..constraints import Constraints, constraints_by_count, constraints_by_length
+from ..distortion import folded_triangles
+from ..division import Division, connect_seeds, divide, divide_as_published, label_regions
+from ..errors import FoldError
+from ..progress import ProgressCallback, report
+from ..seeds import check_labels, snap_seeds
+from ..subcontours import ROUNDINGS
+from ..surface import FloatArray, IntArray, Surface
+from ..template import DEFAULT_TEMPLATE, Template
+from .chords import flip_chords
+from .flat_map import FlatMap
+from .solvers import harmonic, least_squares_harmonic, published_least_squares
+from .untangling import untangle
+
+METHODS = ("regional", "paper")
+"""``regional``: lengths, hard rims and paths, never a fold. ``paper``: the published equations."""
+
+
+class Flattener:
+    """Flattens one surface, as often as its seeds move.
+
+    What does not depend on the seeds (covers, cavity, operators) is computed once and kept.
+
+    Parameters
+    ----------
+    surface : an atrium open at its openings, or with covers marked by a point array ``hole`` (`make_cavity`).
+    template : a template, the name of a built-in one, or the path of a template file.
+    method : "regional" or "paper".
+    rounding : of the sub-contour rule, for the method "paper": see `subcontours.ROUNDINGS`.
+
+    Examples
+    --------
+    >>> from LAFlatteningLib.phantom import make_phantom
+    >>> phantom = make_phantom(2000)
+    >>> flat_map = Flattener(phantom.surface).flatten(phantom.seeds)
+    >>> len(flat_map.folded_triangles)
+    0
+    """
+
+    def __init__(
+        self,
+        surface: Surface,
+        template: Template | str | Path = DEFAULT_TEMPLATE,
+        method: str = "regional",
+        rounding: str = "paper",
+    ) -> None:
+        if method not in METHODS:
+            raise ValueError(f'Expected method {" or ".join(METHODS)}; found "{method}".')
+        if rounding not in ROUNDINGS:
+            raise ValueError(f'Expected rounding {", ".join(ROUNDINGS)}; found "{rounding}".')
+        self.surface = surface
+        self.template = template if isinstance(template, Template) else Template.load(template)
+        self.method = method
+        self.rounding = rounding
+        self._prepared: tuple[Cavity, Surface, int] | None = None
+        self._seconds: dict[str, float] = {}
+
+    def flatten(self, seeds: Mapping[str, FloatArray], progress: ProgressCallback | None = None) -> FlatMap:
+        """The map for these seeds.
+
+        Parameters
+        ----------
+        seeds : label -> (3,) mm in the axes of the surface, one for each of `Anatomy.seeds`.
+        progress : told how far the work is; may stop it.
+
+        Raises
+        ------
+        SurfaceError, SeedError : input that cannot be right, saying why.
+        FoldError : method "regional" only: folds that could not be undone, saying where.
+        Cancelled : by `progress`.
+        """
+        self._seconds = {}
+        began = time.perf_counter()
+        anatomy = self.template.anatomy
+        report(progress, 0.0, "Checking and covering the openings")
+        with self._timed("cavity"):
+            seeds = check_labels(seeds, anatomy)
+            cavity, surface, flipped = self._prepare(np.array([seeds[label] for label in anatomy.outer_seeds]))
+        report(progress, 0.15, "Dividing the surface into regions")
+        with self._timed("division"):
+            snapped = snap_seeds(seeds, cavity, anatomy)
+            if self.method == "paper":
+                division = divide_as_published(cavity, snapped, self.template, self.rounding)
+                constraints = constraints_by_count(division, self.template, self.rounding == "paper")
+            else:
+                division = divide(surface, connect_seeds(cavity, snapped, anatomy), self.template)
+                constraints = constraints_by_length(division, self.template)
+            regions = label_regions(division, anatomy)
+        freed = np.zeros(0, np.int64)
+        if self.method == "paper":
+            flat = self._solve_as_published(surface, constraints, progress)
+        else:
+            flat = self._solve(surface, division, constraints, progress)
+            report(progress, 0.85, "Turning back folded triangles")
+            with self._timed("untangle"):
+                flat, freed = self._untangle(flat, surface, constraints)
+        report(progress, 1.0, "Done")
+        self._seconds["total"] = time.perf_counter() - began
+        return FlatMap(
+            flat,
+            surface,
+            regions,
+            cavity,
+            snapped,
+            division,
+            constraints,
+            self.template,
+            self.method,
+            self.rounding if self.method == "paper" else None,
+            flipped,
+            freed,
+            self._seconds,
+        )
+
+    @contextmanager
+    def _timed(self, stage: str) -> Iterator[None]:
+        began = time.perf_counter()
+        yield
+        self._seconds[stage] = time.perf_counter() - began
+
+    def _prepare(self, outer_points: FloatArray) -> tuple[Cavity, Surface, int]:
+        """The cavity, its surface as it is flattened, and the number of edges flipped for that."""
+        if self._prepared is not None:
+            cavity = self._prepared[0]
+            rims = (*cavity.rims, cavity.outer)
+            nearest = [
+                np.median(np.linalg.norm(cavity.surface.points[rim][None] - outer_points[:, None], axis=2).min(axis=1))
+                for rim in rims
+            ]
+            if int(np.argmin(nearest)) == len(rims) - 1:
+                return self._prepared
+        cavity = make_cavity(self.surface, self.template.anatomy, outer_points)
+        surface, flipped = cavity.surface, 0
+        if self.method == "regional":
+            surface, flipped = flip_chords(surface, cavity.rims)
+        self._prepared = (cavity, surface, flipped)
+        return self._prepared
+
+    def _solve_as_published(
+        self, surface: Surface, constraints: Constraints, progress: ProgressCallback | None
+    ) -> FloatArray:
+        report(progress, 0.3, "Flattening")
+        with self._timed("solve"):
+            # The published matrix has no factor 1/2 in its off-diagonal entries.
+            first = published_least_squares(
+                2.0 * surface.laplacian,
+                constraints.rim_ids,
+                constraints.rim_targets,
+                constraints.path_ids,
+                constraints.path_targets,
+            )
+        report(progress, 0.7, "Refining the rims")
+        with self._timed("refine"):
+            refined = operators.cotangent_laplacian(first, surface.triangles)
+            return harmonic(refined, constraints.rim_ids, constraints.rim_targets)
+
+    def _solve(
+        self, surface: Surface, division: Division, constraints: Constraints, progress: ProgressCallback | None
+    ) -> FloatArray:
+        report(progress, 0.3, "Flattening")
+        with self._timed("solve"):
+            on_rim = np.zeros(len(surface.points), bool)
+            on_rim[constraints.rim_ids] = True
+            inner = np.flatnonzero(~on_rim)
+            first = least_squares_harmonic(
+                surface.laplacian, constraints.ids, constraints.targets, inner, 1.0 / surface.mass[inner]
+            )
+        report(progress, 0.65, "Refining")
+        with self._timed("refine"):
+            refined = operators.cotangent_laplacian(first, surface.triangles)
+            return harmonic(refined, constraints.ids, constraints.targets)
+
+    def _untangle(self, flat: FloatArray, surface: Surface, constraints: Constraints) -> tuple[FloatArray, IntArray]:
+        fixed = np.zeros(len(surface.points), bool)
+        fixed[constraints.rim_ids] = True
+        loose = np.zeros_like(fixed)
+        loose[constraints.path_ids] = True
+        flat, freed = untangle(flat, surface.triangles, surface.points, fixed, loose)
+        # The promise of this method, checked on every map.
+        left = folded_triangles(flat, surface.triangles)
+        if len(left):
+            raise FoldError(
+                f"{len(left)} triangles are folded on the map after untangling.",
+                tuple(int(i) for i in np.unique(surface.triangles[left])),
+            )
+        return flat, freed
+
+
+def flatten(
+    surface: Surface,
+    seeds: Mapping[str, FloatArray],
+    template: Template | str | Path = DEFAULT_TEMPLATE,
+    method: str = "regional",
+    rounding: str = "paper",
+    progress: ProgressCallback | None = None,
+) -> FlatMap:
+    """Flatten a surface once; see `Flattener` for the parameters and errors."""
+    return Flattener(surface, template, method, rounding).flatten(seeds, progress)

@@ -1,0 +1,148 @@
+"""The seeds: which points of the surface they mean, and whether they can be right."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from .anatomy import Anatomy
+from .cavity.openings import Cavity
+from .errors import SeedError
+from .surface import FloatArray
+
+SNAP_LIMIT_MM = 10.0
+"""A seed is never moved farther than this to reach its cover or rim."""
+
+
+@dataclass(frozen=True)
+class SnappedSeeds:
+    """Seeds as points of the closed surface.
+
+    Attributes
+    ----------
+    ids : seed -> point id in `Cavity.closed`.
+    hole : hole -> number of its rim and cover in the `Cavity`.
+    moved_mm : seed -> how far it was moved.
+    """
+
+    ids: Mapping[str, int]
+    hole: Mapping[str, int]
+    moved_mm: Mapping[str, float]
+
+
+def check_labels(seeds: Mapping[str, FloatArray], anatomy: Anatomy) -> dict[str, FloatArray]:
+    """The seeds of an anatomy, in its order, as float arrays; other points are left out.
+
+    Raises
+    ------
+    SeedError : seeds missing, or without finite coordinates.
+    """
+    missing = tuple(label for label in anatomy.seeds if label not in seeds)
+    if missing:
+        others = [label for label in seeds if label not in anatomy.seeds]
+        raise SeedError(
+            f"Seed{'s' if len(missing) > 1 else ''} missing: {', '.join(missing)}. Expected {len(anatomy.seeds)} seeds "
+            f"({', '.join(anatomy.seeds)})" + (f"; found instead {', '.join(others)}." if others else "."),
+            missing,
+        )
+    result = {label: np.asarray(seeds[label], dtype=np.float64).reshape(-1) for label in anatomy.seeds}
+    bad = tuple(label for label, point in result.items() if point.shape != (3,) or not np.isfinite(point).all())
+    if bad:
+        raise SeedError(f"Seed {bad[0]} has no valid position; expected three coordinates in mm.", bad)
+    return result
+
+
+def snap_seeds(seeds: Mapping[str, FloatArray], cavity: Cavity, anatomy: Anatomy) -> SnappedSeeds:
+    """Move each seed to the nearest point of its own kind: covers for holes, the outer rim for the others.
+
+    Parameters
+    ----------
+    seeds : label -> (3,) mm, in the axes of the surface.
+
+    Raises
+    ------
+    SeedError : missing labels; farther than `SNAP_LIMIT_MM` from any cover (or from the outer rim), saying so
+        when the cause is a mix-up of RAS and LPS or of units; two seeds on one opening or one rim point.
+    """
+    seeds = check_labels(seeds, anatomy)
+    covers = [cavity.cover_points(k) for k in range(len(cavity.rims))]
+    cover_tree = cKDTree(cavity.closed.points[np.concatenate(covers)])
+    cover_of = np.repeat(np.arange(len(covers)), [len(points) for points in covers])
+    cover_ids = np.concatenate(covers)
+    outer_ids = cavity.ids[cavity.outer]
+    outer_tree = cKDTree(cavity.closed.points[outer_ids])
+
+    def distance(position: FloatArray, label: str) -> float:
+        return float((outer_tree if label in anatomy.outer_seeds else cover_tree).query(position)[0])
+
+    far = tuple(label for label, position in seeds.items() if distance(position, label) > SNAP_LIMIT_MM)
+    if far:
+        _explain_far_seeds(seeds, far, cavity, anatomy, distance)
+    ids: dict[str, int] = {}
+    hole: dict[str, int] = {}
+    moved: dict[str, float] = {}
+    for label, position in seeds.items():
+        if label in anatomy.outer_seeds:
+            moved[label], nearest = (value.item() for value in map(np.asarray, outer_tree.query(position)))
+            ids[label] = int(outer_ids[nearest])
+            for other in anatomy.outer_seeds:
+                if other != label and ids.get(other) == ids[label]:
+                    raise SeedError(
+                        f"Seeds {other} and {label} sit on the same point of the {anatomy.outer} rim; expected "
+                        f"{len(anatomy.outer_seeds)} different points. Move one of them along the rim.",
+                        (other, label),
+                    )
+        else:
+            moved[label], nearest = (value.item() for value in map(np.asarray, cover_tree.query(position)))
+            ids[label] = int(cover_ids[nearest])
+            hole[label] = int(cover_of[nearest])
+    for label, number in hole.items():
+        rivals = [other for other in hole if hole[other] == number and other != label]
+        if rivals:
+            empty = ", ".join(
+                f"({', '.join(f'{x:.0f}' for x in cavity.surface.points[cavity.rims[k]].mean(axis=0))})"
+                for k in range(len(covers))
+                if k not in hole.values()
+            )
+            raise SeedError(
+                f"Seeds {label} and {rivals[0]} sit on the same opening; expected one seed on each of the {len(covers)} "
+                f"openings ({', '.join(anatomy.holes)}). The opening near {empty} mm has none: move one of them there.",
+                (label, rivals[0]),
+            )
+    return SnappedSeeds(ids, hole, moved)
+
+
+def _explain_far_seeds(seeds, far, cavity, anatomy, distance) -> None:  # type: ignore[no-untyped-def]
+    """Raise the SeedError that says why seeds are far from where they belong."""
+    space, other_space = cavity.closed.space, "RAS" if cavity.closed.space == "LPS" else "LPS"
+
+    def fits(factor: FloatArray) -> bool:
+        return all(distance(position * factor, label) <= SNAP_LIMIT_MM for label, position in seeds.items())
+
+    if fits(np.array([-1.0, -1.0, 1.0])):
+        raise SeedError(
+            f"The seeds are in {other_space} and the surface is in {space}: with x and y negated all seeds lie on the "
+            f"surface. Give seeds in the surface's own coordinates, or as .mrk.json, which names its axes.",
+            far,
+        )
+    for factor, unit in [(1000.0, "metres"), (10.0, "centimetres")]:
+        if fits(np.full(3, factor)):
+            raise SeedError(f"The seeds are in {unit}, the surface in mm. Multiply the seeds by {factor:g}.", far)
+    parts = []
+    for label in far:
+        found = distance(seeds[label], label)
+        if label in anatomy.outer_seeds:
+            parts.append(f"{label} is {found:.0f} mm from the {anatomy.outer} rim")
+        else:
+            rim = np.linalg.norm(cavity.surface.points[cavity.outer] - seeds[label], axis=1).min()
+            where = f" and lies at the {anatomy.outer} rim instead" if rim <= SNAP_LIMIT_MM else ""
+            parts.append(f"{label} is {found:.0f} mm from the nearest opening{where}")
+    raise SeedError(
+        f"Seeds too far from where they belong (at most {SNAP_LIMIT_MM:g} mm allowed): {'; '.join(parts)}. "
+        f"{', '.join(anatomy.holes)} belong to the centre of their opening, "
+        f"{', '.join(sorted(anatomy.outer_seeds))} to the {anatomy.outer} rim.",
+        far,
+    )

@@ -1,0 +1,295 @@
+"""Where openings, paths and regions lie on the 2D map.
+
+A template is a JSON file (``templates/*.json``, checked against ``templates/schema.json``) that gives each
+opening of an anatomy a shape in the plane and each path the angle at which it meets that shape. Paths are
+straight segments between those feet.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .anatomy import ANATOMIES, Anatomy
+from .errors import TemplateError
+from .schema import load_json, validate
+
+FloatArray = NDArray[np.float64]
+
+DEFAULT_TEMPLATE = "adapted1"
+_FOLDER = Path(__file__).parent / "templates"
+
+
+@dataclass(frozen=True)
+class Shape:
+    """An ellipse in the plane; a circle is one with equal semi-axes.
+
+    Angles are in degrees, counter-clockwise, and parametrise the ellipse: for a circle they are the ordinary
+    angle about its centre.
+    """
+
+    centre: tuple[float, float]
+    semi_axes: tuple[float, float]
+    rotation: float = 0.0
+
+    def at(self, degrees: ArrayLike) -> FloatArray:
+        """Points of the outline at some angles, shape of the angles with a last axis of 2."""
+        t = np.deg2rad(np.asarray(degrees, dtype=np.float64))
+        x, y = self.semi_axes[0] * np.cos(t), self.semi_axes[1] * np.sin(t)
+        c, s = np.cos(np.deg2rad(self.rotation)), np.sin(np.deg2rad(self.rotation))
+        return np.stack([self.centre[0] + c * x - s * y, self.centre[1] + s * x + c * y], axis=-1)
+
+    def _lengths(self, start: float, end: float) -> tuple[FloatArray, FloatArray]:
+        degrees = np.linspace(start, end, 2001)
+        steps = np.linalg.norm(np.diff(self.at(degrees), axis=0), axis=1)
+        return degrees, np.concatenate([[0.0], np.cumsum(steps)])
+
+    def arc_length(self, start: float, end: float) -> float:
+        """Length of the outline from one angle to another, going counter-clockwise if `end` is larger."""
+        if self.semi_axes[0] == self.semi_axes[1]:
+            return float(abs(np.deg2rad(end - start)) * self.semi_axes[0])
+        return float(self._lengths(start, end)[1][-1])
+
+    def angle_at(self, start: float, end: float, fraction: FloatArray) -> FloatArray:
+        """Angles at which a fraction of the outline's *length* between two angles has been walked, degrees."""
+        if self.semi_axes[0] == self.semi_axes[1]:
+            return start + (end - start) * fraction
+        degrees, lengths = self._lengths(start, end)
+        return np.interp(fraction * lengths[-1], lengths, degrees)
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        """How far points (k, 2) are from the outline, measured along the ray from its centre; (k,)."""
+        c, s = np.cos(np.deg2rad(self.rotation)), np.sin(np.deg2rad(self.rotation))
+        offset = points - np.asarray(self.centre)
+        local = offset @ np.array([[c, -s], [s, c]])
+        radius = np.linalg.norm(local, axis=1)
+        scale = np.linalg.norm(local / np.asarray(self.semi_axes), axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            on_ray = np.where(scale > 0, radius / scale, min(self.semi_axes))
+        return np.abs(radius - on_ray)
+
+    def outline(self, count: int = 180) -> FloatArray:
+        """A closed polygon of the outline, (count, 2), without repeating the first point."""
+        return self.at(np.linspace(0.0, 360.0, count, endpoint=False))
+
+
+@dataclass(frozen=True)
+class Rim:
+    """An opening on the map: its shape, and the angle (degrees) at which each path meets it."""
+
+    shape: Shape
+    feet: Mapping[str, float]
+    spread_feet: bool = False
+
+    def arcs(self, order: tuple[str, ...]) -> list[tuple[float, float]]:
+        """Start and end angle of each arc between consecutive feet, increasing, once round.
+
+        Parameters
+        ----------
+        order : the paths counter-clockwise round the rim; arc k goes from foot k to foot k + 1.
+        """
+        angles = [self.feet[path] for path in order]
+        arcs = []
+        for k, start in enumerate(angles):
+            turn = (angles[(k + 1) % len(angles)] - start) % 360.0
+            arcs.append((start, start + (turn if turn > 0 else 360.0)))
+        return arcs
+
+    def shares(self, order: tuple[str, ...]) -> FloatArray:
+        """The share of the outline's length in each arc, summing to 1."""
+        lengths = np.array([self.shape.arc_length(a, b) for a, b in self.arcs(order)])
+        return lengths / lengths.sum()
+
+
+@dataclass(frozen=True)
+class Template:
+    """The layout of a map. Lengths are in map units; the built-in disks have radius 0.5.
+
+    Attributes
+    ----------
+    anatomy : what is laid out.
+    outer : rim of the map.
+    holes : opening -> its rim.
+    """
+
+    name: str
+    anatomy: Anatomy
+    outer: Rim
+    holes: Mapping[str, Rim]
+    title: str = ""
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        _check(self)
+
+    @property
+    def radius(self) -> float:
+        """Half the largest extent of the map; errors and displacements are quoted in this unit ("disk radii")."""
+        return max(self.outer.shape.semi_axes)
+
+    def rim(self, opening: str) -> Rim:
+        """The rim of any opening, the outer one included."""
+        return self.outer if opening == self.anatomy.outer else self.holes[opening]
+
+    def foot(self, path: str, end: int) -> FloatArray:
+        """Where a path starts (`end` = 0) or ends (1) on the map, (2,)."""
+        opening = self.anatomy.opening_of(self.anatomy.paths[path][end])
+        rim = self.rim(opening)
+        return rim.shape.at(rim.feet[path])
+
+    def segment(self, path: str) -> FloatArray:
+        """Both ends of a path on the map, (2, 2)."""
+        return np.stack([self.foot(path, 0), self.foot(path, 1)])
+
+    def region_outline(self, region: int, step: float = 3.0) -> FloatArray:
+        """Closed polygon round a region, (k, 2), arcs sampled every `step` degrees."""
+        outline = []
+        face = self.anatomy.face(region)
+        for (path, end), (after, _) in zip(face, face[1:] + face[:1], strict=True):
+            outline.append(self.segment(path)[[end, 1 - end]])
+            opening = self.anatomy.opening_of(self.anatomy.paths[path][1 - end])
+            order, rim = self.anatomy.feet(opening), self.rim(opening)
+            arcs = rim.arcs(order)
+            # With the region on the left, a hole is walked round clockwise, the outer rim counter-clockwise.
+            start, stop = arcs[order.index(path)] if opening == self.anatomy.outer else arcs[order.index(after)][::-1]
+            count = max(2, int(abs(stop - start) / step))
+            outline.append(rim.shape.at(np.linspace(start, stop, count)))
+        return np.concatenate(outline)
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Template:
+        """Build a template from a template file's content.
+
+        Raises
+        ------
+        TemplateError : naming the field that breaks the schema, or what is impossible about the layout.
+        """
+        validate(data, template_schema())
+        if isinstance(data["anatomy"], str):
+            if data["anatomy"] not in ANATOMIES:
+                raise TemplateError(
+                    f'anatomy: expected the name of a built-in anatomy ({", ".join(ANATOMIES)}) or an anatomy object, '
+                    f'found "{data["anatomy"]}".'
+                )
+            anatomy = ANATOMIES[data["anatomy"]]
+        else:
+            anatomy = Anatomy.from_dict(data["anatomy"])
+        return cls(
+            data["name"],
+            anatomy,
+            _rim(data["outer"], False),
+            {name: _rim(rim, bool(rim.get("spread_feet", True))) for name, rim in data["holes"].items()},
+            data.get("title", ""),
+            data.get("source", ""),
+        )
+
+    @classmethod
+    def load(cls, name_or_path: str | Path) -> Template:
+        """A built-in template by name ("adapted1", "adapted2", "population") or one from a JSON file."""
+        if str(name_or_path) in builtin_templates():
+            return cls.from_dict(load_json(_FOLDER / f"{name_or_path}.json"))
+        path = Path(name_or_path)
+        if not path.suffix and not path.exists():
+            raise TemplateError(
+                f'There is no template "{name_or_path}". Expected one of {", ".join(builtin_templates())}, '
+                "or the path of a template file (.json)."
+            )
+        return cls.from_dict(load_json(path))
+
+
+@cache
+def template_schema() -> dict[str, Any]:
+    """The published JSON schema of template files."""
+    schema: dict[str, Any] = json.loads((_FOLDER / "schema.json").read_text(encoding="utf-8"))
+    return schema
+
+
+@cache
+def builtin_templates() -> tuple[str, ...]:
+    """Names of the templates that come with the library."""
+    return tuple(sorted(path.stem for path in _FOLDER.glob("*.json") if path.stem != "schema"))
+
+
+def _rim(data: Mapping[str, Any], spread_feet: bool) -> Rim:
+    shape = data["shape"]
+    semi_axes = [shape["radius"]] * 2 if shape["type"] == "circle" else shape["semi_axes"]
+    return Rim(
+        Shape(
+            (float(shape["centre"][0]), float(shape["centre"][1])),
+            (float(semi_axes[0]), float(semi_axes[1])),
+            float(shape.get("rotation_degrees", 0.0)),
+        ),
+        {path: float(angle) for path, angle in data["feet"].items()},
+        spread_feet,
+    )
+
+
+def _check(template: Template) -> None:
+    """Raise TemplateError where the layout is impossible, naming the field."""
+    anatomy = template.anatomy
+    for hole in anatomy.holes:
+        if hole not in template.holes:
+            raise TemplateError(f"holes.{hole}: missing; {anatomy.name} has the holes {', '.join(anatomy.holes)}.")
+    for hole in template.holes:
+        if hole not in anatomy.holes:
+            raise TemplateError(f'holes.{hole}: unknown opening; {anatomy.name} has {", ".join(anatomy.holes)}.')
+    for opening in anatomy.openings:
+        field = "outer" if opening == anatomy.outer else f"holes.{opening}"
+        rim, order = template.rim(opening), anatomy.feet(opening)
+        if set(rim.feet) != set(order):
+            raise TemplateError(
+                f"{field}.feet: expected an angle for each of {', '.join(order)}, found {', '.join(rim.feet) or 'none'}."
+            )
+        total = sum(end - start for start, end in rim.arcs(order))
+        if order and not np.isclose(total, 360.0):
+            raise TemplateError(
+                f"{field}.feet: angles out of order; counter-clockwise expected {', '.join(order)}, found "
+                f"{', '.join(sorted(order, key=lambda path: rim.feet[path] % 360))}."
+            )
+    outlines = {hole: template.holes[hole].shape.outline() for hole in anatomy.holes}
+    outer = template.outer.shape.outline(720)
+    for hole, outline in outlines.items():
+        if not _inside(outline, outer).all():
+            raise TemplateError(f"holes.{hole}.shape: reaches beyond the outer rim; move it inwards or make it smaller.")
+    for a, b in combinations(anatomy.holes, 2):
+        if _inside(outlines[a], outlines[b]).any() or _inside(outlines[b], outlines[a]).any():
+            raise TemplateError(f"holes.{a}.shape: overlaps holes.{b}.shape; move them apart or make them smaller.")
+    segments = {path: template.segment(path) for path in anatomy.paths}
+    for path, (start, end) in segments.items():
+        inner = start + np.linspace(0.001, 0.999, 400)[:, None] * (end - start)
+        for hole in anatomy.holes:
+            if _inside(inner, outlines[hole]).any():
+                raise TemplateError(f"path {path} crosses the hole {hole}; change the angles of its feet.")
+        if not _inside(inner, outer).all():
+            raise TemplateError(f"path {path} leaves the map; change the angles of its feet.")
+    for a, b in combinations(segments, 2):
+        if _cross(segments[a], segments[b]):
+            raise TemplateError(f"paths {a} and {b} cross; change the angles of their feet.")
+
+
+def _inside(points: FloatArray, polygon: FloatArray) -> NDArray[np.bool_]:
+    """Whether points (k, 2) are inside a polygon (p, 2): crossing number."""
+    x, y = points[:, :1], points[:, 1:]
+    x0, y0 = polygon.T
+    x1, y1 = np.roll(polygon, -1, axis=0).T
+    spans = (y0 > y) != (y1 > y)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crossing = x < x0 + (y - y0) / (y1 - y0) * (x1 - x0)
+    return (spans & crossing).sum(axis=1) % 2 == 1
+
+
+def _cross(a: FloatArray, b: FloatArray) -> bool:
+    """Whether two segments (2, 2) properly cross."""
+
+    def side(p: FloatArray, q: FloatArray, r: FloatArray) -> float:
+        return float((q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]))
+
+    return side(*a, b[0]) * side(*a, b[1]) < 0 and side(*b, a[0]) * side(*b, a[1]) < 0

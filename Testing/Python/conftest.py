@@ -1,0 +1,19 @@
+"""What the tests share: where the real atria are, and phantoms made once a session."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="session")
+def data_dir() -> Path:
+    """Folder of the real atria; tests that ask for it skip where it is absent."""
+    folder = Path(os.environ.get("LAF_TEST_DATA", ROOT.parent / "shared" / "data"))
+    if not folder.is_dir():
+        pytest.skip(f"real atria not found at {folder} (set LAF_TEST_DATA)")
+    return folder
