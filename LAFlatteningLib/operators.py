@@ -45,15 +45,9 @@ def triangle_areas(points: FloatArray, triangles: IntArray) -> FloatArray:
     return np.linalg.norm(area_vectors(points, triangles), axis=1)
 
 
-def signed_volume(points: FloatArray, triangles: IntArray, origin: FloatArray | None = None) -> float:
-    """Volume enclosed by a closed surface, positive if its triangles turn counter-clockwise seen from outside.
-
-    Parameters
-    ----------
-    origin : (3,) apex of the cones that are summed (default: the mean of the points). It matters for an open
-        surface only: with the origin in the plane of a flat opening, that opening counts as capped.
-    """
-    corner = (points - (points.mean(axis=0) if origin is None else origin))[triangles]
+def signed_volume(points: FloatArray, triangles: IntArray) -> float:
+    """Volume enclosed by a closed surface, positive if its triangles turn counter-clockwise seen from outside."""
+    corner = (points - points.mean(axis=0))[triangles]
     return float(np.einsum("ij,ij->", corner[:, 0], _cross(corner[:, 1], corner[:, 2])) / 6.0)
 
 

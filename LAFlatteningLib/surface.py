@@ -196,6 +196,17 @@ class Surface:
         half = sparse.coo_matrix((self.edge_lengths, (a, b)), shape=(n, n))
         return (half + half.T).tocsr()
 
+    @property
+    def enclosed_volume(self) -> float:
+        """Volume inside the surface, mm3, each opening capped by a fan to the centre of its rim; positive where
+        triangles face outwards."""
+        points, triangles = [self.points], [self.triangles]
+        for k, loop in enumerate(self.boundary_loops):
+            points.append(self.points[loop].mean(axis=0, keepdims=True))
+            centre = np.full(len(loop), len(self.points) + k)
+            triangles.append(np.column_stack([np.roll(loop, -1), loop, centre]))
+        return operators.signed_volume(np.concatenate(points), np.concatenate(triangles))
+
     def loop_length(self, loop: IntArray) -> float:
         """Length of a closed line of point ids, mm: the perimeter of a rim."""
         return float(np.linalg.norm(self.points[loop] - self.points[np.roll(loop, -1)], axis=1).sum())

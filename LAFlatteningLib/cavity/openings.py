@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .. import operators, topology
+from .. import topology
 from ..anatomy import Anatomy
 from ..errors import SurfaceError
 from ..surface import FloatArray, IntArray, Surface
@@ -65,7 +64,7 @@ def check_surface(surface: Surface) -> tuple[Surface, list[str]]:
 
     Returns
     -------
-    surface : the same, with triangles turned the same way where they were not.
+    surface : the same, with all triangles facing outwards.
     notes : what was mended.
 
     Raises
@@ -85,18 +84,18 @@ def check_surface(surface: Surface) -> tuple[Surface, list[str]]:
             f"The surface is {size:.3g} mm across; expected a heart chamber of {SIZE_LIMITS_MM[0]:.0f} to "
             f"{SIZE_LIMITS_MM[1]:.0f} mm. The coordinates look like {unit}: multiply them by {factor:g} to get mm."
         )
-    if surface.component_count > 1:
-        sizes = np.sort(np.bincount(surface.components))[::-1]
-        raise SurfaceError(
-            f"The surface has {len(sizes)} separate pieces (of {', '.join(map(str, sizes[:5]))} triangles); expected "
-            "one. Keep the largest piece (in Slicer: Surface Toolbox, Extract largest component) or the right one."
-        )
     bad = surface.non_manifold_points
     if len(bad):
         place = ", ".join(f"{x:.1f}" for x in surface.points[bad[0]])
         raise SurfaceError(
             f"The surface is not a clean sheet at {len(bad)} points (the first is point {bad[0]} at {place} mm): more "
             "than two triangles share an edge, or two sheets touch in a point. Clean or remesh the surface."
+        )
+    if surface.component_count > 1:
+        sizes = np.sort(np.bincount(surface.components))[::-1]
+        raise SurfaceError(
+            f"The surface has {len(sizes)} separate pieces (of {', '.join(map(str, sizes[:5]))} triangles); expected "
+            "one. Keep the largest piece (in Slicer: Surface Toolbox, Extract largest component) or the right one."
         )
     if not surface.is_oriented:
         surface = surface.with_triangles(topology.orient(surface.triangles, surface.edges))
@@ -107,6 +106,9 @@ def check_surface(surface: Surface) -> tuple[Surface, list[str]]:
             "usually veins or the appendage touching each other; expected none. Separate them in the segmentation "
             "and make the surface again."
         )
+    if surface.enclosed_volume < 0:
+        surface = surface.with_triangles(surface.triangles[:, ::-1])
+        notes.append("Triangles faced inwards; they were turned outwards.")
     return surface, notes
 
 
@@ -147,9 +149,6 @@ def make_cavity(surface: Surface, anatomy: Anatomy, outer_points: FloatArray) ->
     else:
         closed = surface
     outer_loop = open_loops[outer]
-    if operators.signed_volume(closed.points, closed.triangles, closed.points[outer_loop].mean(axis=0)) < 0:
-        closed = closed.with_triangles(closed.triangles[:, ::-1].copy())
-        notes.append("Triangles faced inwards; they were turned outwards.")
     part, ids = closed.submesh(cover < 0)
     part = part.with_data({POINT_ID_ARRAY: ids})
     if len(part.boundary_loops) != expected:

@@ -13,7 +13,7 @@ from .. import operators
 from ..cavity.openings import Cavity, make_cavity
 from ..constraints import Constraints, constraints_by_count, constraints_by_length
 from ..distortion import folded_triangles
-from ..division import Division, connect_seeds, divide, divide_as_published, label_regions
+from ..division import connect_seeds, divide, divide_as_published, label_regions
 from ..errors import FoldError
 from ..progress import ProgressCallback, report
 from ..seeds import check_labels, snap_seeds
@@ -22,7 +22,8 @@ from ..surface import FloatArray, IntArray, Surface
 from ..template import DEFAULT_TEMPLATE, Template
 from .chords import flip_chords
 from .flat_map import FlatMap
-from .solvers import harmonic, least_squares_harmonic, published_least_squares
+from .refinement import lower_distortion
+from .solvers import harmonic, published_least_squares
 from .untangling import untangle
 
 METHODS = ("regional", "paper")
@@ -103,10 +104,7 @@ class Flattener:
         if self.method == "paper":
             flat = self._solve_as_published(surface, constraints, progress)
         else:
-            flat = self._solve(surface, division, constraints, progress)
-            report(progress, 0.85, "Turning back folded triangles")
-            with self._timed("untangle"):
-                flat, freed = self._untangle(flat, surface, constraints)
+            flat, freed = self._solve(surface, constraints, progress)
         report(progress, 1.0, "Done")
         self._seconds["total"] = time.perf_counter() - began
         return FlatMap(
@@ -168,27 +166,22 @@ class Flattener:
             return harmonic(refined, constraints.rim_ids, constraints.rim_targets)
 
     def _solve(
-        self, surface: Surface, division: Division, constraints: Constraints, progress: ProgressCallback | None
-    ) -> FloatArray:
+        self, surface: Surface, constraints: Constraints, progress: ProgressCallback | None
+    ) -> tuple[FloatArray, IntArray]:
+        """A map without folds, and the path points that had to leave their places for it."""
         report(progress, 0.3, "Flattening")
         with self._timed("solve"):
-            on_rim = np.zeros(len(surface.points), bool)
-            on_rim[constraints.rim_ids] = True
-            inner = np.flatnonzero(~on_rim)
-            first = least_squares_harmonic(
-                surface.laplacian, constraints.ids, constraints.targets, inner, 1.0 / surface.mass[inner]
-            )
-        report(progress, 0.65, "Refining")
+            flat = harmonic(surface.laplacian, constraints.ids, constraints.targets)
+        report(progress, 0.4, "Turning back folded triangles")
+        with self._timed("untangle"):
+            fixed = np.zeros(len(surface.points), bool)
+            fixed[constraints.rim_ids] = True
+            loose = np.zeros_like(fixed)
+            loose[constraints.path_ids] = True
+            flat, freed = untangle(flat, surface.triangles, surface.points, fixed, loose)
+        report(progress, 0.6, "Refining")
         with self._timed("refine"):
-            refined = operators.cotangent_laplacian(first, surface.triangles)
-            return harmonic(refined, constraints.ids, constraints.targets)
-
-    def _untangle(self, flat: FloatArray, surface: Surface, constraints: Constraints) -> tuple[FloatArray, IntArray]:
-        fixed = np.zeros(len(surface.points), bool)
-        fixed[constraints.rim_ids] = True
-        loose = np.zeros_like(fixed)
-        loose[constraints.path_ids] = True
-        flat, freed = untangle(flat, surface.triangles, surface.points, fixed, loose)
+            flat = lower_distortion(flat, surface, ~(fixed | loose))
         # The promise of this method, checked on every map.
         left = folded_triangles(flat, surface.triangles)
         if len(left):

@@ -52,31 +52,6 @@ def harmonic(laplacian: sparse.csr_matrix, fixed: IntArray, targets: FloatArray)
     return flat
 
 
-def least_squares_harmonic(
-    laplacian: sparse.csr_matrix, fixed: IntArray, targets: FloatArray, rows: IntArray, weights: FloatArray
-) -> FloatArray:
-    """The map that makes ``laplacian @ map`` smallest in a weighted least-squares sense, given some positions.
-
-    The sum of ``weights[i] * |(laplacian @ map)[i]|^2`` over `rows` is minimised over the free points. With
-    `rows` including constrained points the map stays smooth across them; with 1/area as weights the sum is
-    the integral of the squared Laplacian, and does not depend on how fine the mesh is.
-
-    Parameters
-    ----------
-    fixed, targets : (c,) point ids and their positions (c, 2).
-    rows : (r,) points where the Laplacian counts.
-    weights : (r,) positive.
-    """
-    n = laplacian.shape[0]
-    free = _free(n, fixed)
-    flat = np.empty((n, targets.shape[1]))
-    flat[fixed] = targets
-    scaled = sparse.diags(np.sqrt(weights)) @ laplacian[rows]
-    inner, outer = scaled[:, free].tocsr(), scaled[:, fixed]
-    flat[free] = factorise(inner.T @ inner)(-(inner.T @ (outer @ targets)))
-    return flat
-
-
 def published_least_squares(
     laplacian: sparse.csr_matrix,
     rims: IntArray,

@@ -1,48 +1,21 @@
-"""Turning folded triangles back by moving the points near them.
-
-Garanzha, Kaporin, Kudryavtseva, Protais, Ray and Sokolov, "Foldover-free maps in 50 lines of code", ACM
-Transactions on Graphics 40, 2021. The energy of a triangle with Jacobian J is
-
-    tr(J^T J) / chi(det J) + LAMBDA (det(J)^2 + 1) / chi(det J),   chi(d) = (d + sqrt(eps^2 + d^2)) / 2,
-
-finite on folded triangles and, as eps goes to 0, a barrier against folding.
-"""
+"""Turning folded triangles back by moving the points near them."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.optimize import minimize
 
 from .. import operators
 from ..errors import FoldError
 from ..surface import FloatArray, IntArray
+from .energy import PatchEnergy, descend, rest_shapes
 
 RINGS = (3, 6, 12, 24)
 """Rings of triangles round a fold that may move; the next number is tried where the one before is not enough."""
-LAMBDA = 0.01
-"""Weight of keeping area against keeping angles. Small: angles matter more, but scale must not drift."""
 MIN_DETERMINANT = 1e-3
 """The smallest share of its rest area (at the scale of the map) that a triangle of a repaired place must reach."""
-_MAX_STEPS = 40
-
-
-def rest_shapes(points: FloatArray, triangles: IntArray, scale: float) -> FloatArray:
-    """Inverse edge matrices of the triangles on the surface, (m, 2, 2), at the scale of the map.
-
-    The Jacobian of a triangle is its edge matrix on the map times this. Slivers on the surface are widened
-    to a height of a tenth of their base, because the map of a sliver has no shape worth keeping.
-    """
-    local = operators.local_frames(points, triangles) * scale
-    base = np.maximum(local[:, 1, 0], 1e-12)
-    x = np.clip(local[:, 2, 0], -2.0 * base, 3.0 * base)
-    height = np.maximum(local[:, 2, 1], 0.1 * np.maximum(base, np.abs(x)))
-    inverse = np.zeros((len(triangles), 2, 2))
-    inverse[:, 0, 0] = 1.0 / base
-    inverse[:, 0, 1] = -x / (base * height)
-    inverse[:, 1, 1] = 1.0 / height
-    return inverse
+_ROUNDS = 30
 
 
 def untangle(
@@ -96,12 +69,12 @@ def untangle(
             freed |= loose & (flat != before).any(axis=1)
     folded = _bad(flat, triangles)
     if len(folded):
-        at = triangles[folded[0]]
-        place = ", ".join(f"{x:.1f}" for x in points[at].mean(axis=0))
+        ids = np.unique(triangles[folded])
+        place = ", ".join(f"{x:.1f}" for x in points[triangles[folded[0]]].mean(axis=0))
         raise FoldError(
-            f"{len(folded)} triangles stay folded on the map; the first is at {place} mm (points {', '.join(map(str, at))}). "
-            "The surface there is too coarse or too narrow for the template: refine it there, or move the nearest seed.",
-            tuple(int(i) for i in np.unique(triangles[folded])),
+            f"{len(folded)} triangles stay folded on the map; the first is at {place} mm. The surface there is too "
+            "coarse or too narrow for the template: move the nearest seed, or refine the surface there.",
+            tuple(int(i) for i in ids),
         )
     return flat, np.flatnonzero(freed)
 
@@ -124,53 +97,17 @@ def _neighbourhood(corner: sparse.csr_matrix, triangles: IntArray, rings: int) -
 
 
 def _relax(flat: FloatArray, triangles: IntArray, points: FloatArray, scale: float, movable: NDArray[np.bool_]) -> None:
-    """Minimise the energy of all triangles with a movable point, in place."""
-    near = np.flatnonzero(movable[triangles].any(axis=1))
-    ids, local = np.unique(triangles[near], return_inverse=True)
-    local = local.reshape(-1, 3)
-    free = movable[ids]
-    rest = rest_shapes(points, triangles[near], scale)
-    position = flat[ids].copy()
-    order = np.flatnonzero(free)
-
-    def determinants(at: FloatArray) -> FloatArray:
-        u, v = at[local[:, 1]] - at[local[:, 0]], at[local[:, 2]] - at[local[:, 0]]
-        return (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) * rest[:, 0, 0] * rest[:, 1, 1]
-
-    def energy(x: FloatArray, eps: float) -> tuple[float, FloatArray]:
-        position[order] = x.reshape(-1, 2)
-        edge = np.stack(
-            [position[local[:, 1]] - position[local[:, 0]], position[local[:, 2]] - position[local[:, 0]]], 2
-        )
-        jacobian = edge @ rest
-        a, b, c, d = jacobian[:, 0, 0], jacobian[:, 0, 1], jacobian[:, 1, 0], jacobian[:, 1, 1]
-        det = a * d - b * c
-        root = np.sqrt(eps * eps + det * det)
-        chi = 0.5 * (det + root)
-        # For very negative det the sum above loses all digits; this form does not.
-        chi = np.where(det < 0, 0.5 * eps * eps / (root - det), chi)
-        value = (a * a + b * b + c * c + d * d + LAMBDA * (det * det + 1.0)) / chi
-        slope = 2.0 * LAMBDA * det / chi - value / root
-        cofactor = np.stack([np.stack([d, -c], 1), np.stack([-b, a], 1)], 1)
-        by_jacobian = 2.0 * jacobian / chi[:, None, None] + slope[:, None, None] * cofactor
-        by_edge = by_jacobian @ rest.transpose(0, 2, 1)
-        gradient = np.zeros((len(ids), 2))
-        for axis in (0, 1):
-            first = np.bincount(local[:, 1], by_edge[:, axis, 0], len(ids))
-            second = np.bincount(local[:, 2], by_edge[:, axis, 1], len(ids))
-            base = np.bincount(local[:, 0], by_edge[:, axis].sum(axis=1), len(ids))
-            gradient[:, axis] = first + second - base
-        return float(value.sum()), gradient[order].reshape(-1)
-
-    for _ in range(_MAX_STEPS):
-        lowest = float(determinants(position).min())
+    """Lower the energy of all triangles with a movable point until none is folded, in place."""
+    near = triangles[movable[triangles].any(axis=1)]
+    energy = PatchEnergy(flat, near, rest_shapes(points, near, scale), movable)
+    precondition = energy.preconditioner_at_rest()
+    variables = energy.start()
+    lowest = float(energy.determinants(variables).min())
+    for _ in range(_ROUNDS):
         eps = float(np.sqrt(1e-9 + 0.04 * min(lowest, 0.0) ** 2))
-        found = minimize(
-            energy, position[order].reshape(-1), args=(eps,), jac=True, method="L-BFGS-B", options={"maxiter": 60}
-        )
-        position[order] = found.x.reshape(-1, 2)
-        now = float(determinants(position).min())
+        variables, steps = descend(energy, variables, eps, precondition, steps=40)
+        before, lowest = lowest, float(energy.determinants(variables).min())
         # Settled: done, or the rim of the patch is in the way and a larger patch must be tried.
-        if now >= MIN_DETERMINANT or found.nit < 2 or (lowest < 0 and now <= lowest + 1e-6):
+        if lowest >= MIN_DETERMINANT or steps == 0 or (before < 0 and lowest < before + 1e-3 * abs(before)):
             break
-    flat[ids] = position
+    flat[energy.ids] = variables

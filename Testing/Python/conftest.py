@@ -17,3 +17,19 @@ def data_dir() -> Path:
     if not folder.is_dir():
         pytest.skip(f"real atria not found at {folder} (set LAF_TEST_DATA)")
     return folder
+
+
+@pytest.fixture(scope="session")
+def phantom():
+    """The open synthetic atrium at 2,000 points."""
+    from LAFlatteningLib.phantom import make_phantom
+
+    return make_phantom(2000)
+
+
+@pytest.fixture(scope="session")
+def phantom_map(phantom):
+    """Its regional map."""
+    from LAFlatteningLib.flattening import flatten
+
+    return flatten(phantom.surface, phantom.seeds)

@@ -1,0 +1,20 @@
+"""A synthetic left atrium with known answers, and LGE images of it."""
+
+from .atrium import DEFAULT_SCAR, Phantom, left_atrium_shape, make_phantom, mesh_phantom
+from .lge import Gap, LgeModel, ScarPatch, ScarPattern, ScarRing, make_lge_volume
+from .shape import PhantomShape
+
+__all__ = [
+    "DEFAULT_SCAR",
+    "Gap",
+    "LgeModel",
+    "Phantom",
+    "PhantomShape",
+    "ScarPatch",
+    "ScarPattern",
+    "ScarRing",
+    "left_atrium_shape",
+    "make_lge_volume",
+    "make_phantom",
+    "mesh_phantom",
+]

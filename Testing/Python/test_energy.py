@@ -1,0 +1,122 @@
+"""The energy against folding: its derivative, its minimum, and that steps never fold a map."""
+
+import meshes
+import numpy as np
+import pytest
+
+from LAFlatteningLib import distortion, operators
+from LAFlatteningLib.errors import FoldError
+from LAFlatteningLib.flattening.energy import PatchEnergy, descend, rest_shapes
+from LAFlatteningLib.flattening.refinement import lower_distortion
+from LAFlatteningLib.flattening.untangling import untangle
+
+
+def ring():
+    surface = meshes.annulus(20.0, 50.0, 10, 60)
+    fixed = np.zeros(len(surface.points), bool)
+    for loop in surface.boundary_loops:
+        fixed[loop] = True
+    return surface, fixed
+
+
+def energy_of(surface, flat, movable):
+    return PatchEnergy(flat, surface.triangles, rest_shapes(surface.points, surface.triangles, 1.0), movable)
+
+
+@pytest.mark.parametrize("eps", [0.5, 0.05])
+def test_gradient_is_that_of_finite_differences(eps):
+    surface, fixed = ring()
+    rng = np.random.default_rng(0)
+    flat = surface.points[:, :2] + 2.0 * rng.standard_normal((len(surface.points), 2))
+    energy = energy_of(surface, flat, ~fixed)
+    at = energy.start()
+    assert (energy.determinants(at) < 0).any(), "the test must cover folded triangles"
+    _, gradient = energy.value_and_gradient(at, eps)
+    for _ in range(5):
+        direction = rng.standard_normal(at.shape)
+        step = 1e-6
+        ahead = energy.value_and_gradient(at + step * direction, eps)[0]
+        behind = energy.value_and_gradient(at - step * direction, eps)[0]
+        assert (ahead - behind) / (2 * step) == pytest.approx((gradient * direction).sum(), rel=1e-4)
+
+
+def test_the_identity_is_a_minimum():
+    surface, fixed = ring()
+    energy = energy_of(surface, surface.points[:, :2], ~fixed)
+    value, gradient = energy.value_and_gradient(energy.start(), 0.0)
+    # Per triangle tr(I) + LAMBDA * 2 over det 1.
+    assert value == pytest.approx(len(surface.triangles) * (2 + 2 * 0.01), rel=1e-9)
+    assert np.abs(gradient).max() < 1e-9
+
+
+def test_folded_maps_have_infinite_energy_without_regularisation():
+    surface, fixed = ring()
+    flat = surface.points[:, :2].copy()
+    flat[~fixed] *= -1
+    energy = energy_of(surface, flat, ~fixed)
+    assert energy.value_and_gradient(energy.start(), 0.0)[0] == np.inf
+
+
+def test_descent_returns_to_the_identity_without_folding_on_the_way():
+    surface, fixed = ring()
+    rng = np.random.default_rng(1)
+    identity = surface.points[:, :2]
+    flat = identity + np.where(fixed[:, None], 0, 0.5) * rng.standard_normal(identity.shape)
+    assert len(distortion.folded_triangles(flat, surface.triangles)) == 0
+    energy = energy_of(surface, flat, ~fixed)
+    at = energy.start()
+    for _ in range(12):
+        at, _ = descend(energy, at, 0.0, energy.preconditioner(at), 5, 0.0)
+        assert energy.determinants(at).min() > 0
+    assert np.abs(at - identity[energy.ids]).max() < 1e-3
+
+
+def test_refinement_leaves_a_perfect_map_and_fixed_points_alone():
+    surface, fixed = ring()
+    flat = 0.01 * surface.points[:, :2]
+    assert np.abs(lower_distortion(flat, surface, ~fixed) - flat).max() < 1e-9
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_untangling_turns_every_fold_back(seed):
+    surface, fixed = ring()
+    rng = np.random.default_rng(seed)
+    identity = surface.points[:, :2]
+    flat = identity.copy()
+    for centre in rng.choice(np.flatnonzero(~fixed), 6, replace=False):
+        near = ~fixed & (np.linalg.norm(identity - identity[centre], axis=1) < 7.0)
+        flat[near] = 2.2 * identity[centre] - 1.2 * identity[near]
+    folded = distortion.folded_triangles(flat, surface.triangles)
+    assert len(folded) > 20
+    loose = np.zeros_like(fixed)
+    result, freed = untangle(flat, surface.triangles, surface.points, fixed, loose)
+    assert operators.signed_areas(result, surface.triangles).min() > 0
+    assert len(distortion.overlapping_pairs(result, surface.triangles)) == 0
+    assert np.array_equal(result[fixed], flat[fixed])
+    assert len(freed) == 0
+
+
+def test_untangling_frees_path_points_only_where_they_force_a_fold():
+    surface, fixed = ring()
+    identity = surface.points[:, :2]
+    loose = ~fixed & (np.abs(identity[:, 1]) < 1.0) & (identity[:, 0] > 0)
+    flat = identity.copy()
+    path = np.flatnonzero(loose)[np.argsort(identity[loose, 0])]
+    flat[path[2]], flat[path[3]] = identity[path[3]], identity[path[2]]
+    result, freed = untangle(flat, surface.triangles, surface.points, fixed, loose)
+    assert operators.signed_areas(result, surface.triangles).min() > 0
+    assert set(freed) <= set(path)
+    assert 1 <= len(freed) <= len(path)
+    untouched = np.setdiff1d(path, freed)
+    assert np.array_equal(result[untouched], flat[untouched])
+
+
+def test_impossible_rims_give_a_fold_error_that_says_where():
+    surface, fixed = ring()
+    flat = surface.points[:, :2].copy()
+    # The outer rim run the wrong way: the signed areas sum to a negative number, so some must be negative.
+    loop = max(surface.boundary_loops, key=surface.loop_length)
+    flat[loop] = flat[loop][::-1]
+    with pytest.raises(FoldError, match=r"stay folded.*mm") as caught:
+        untangle(flat, surface.triangles, surface.points, fixed, np.zeros_like(fixed))
+    assert caught.value.points
