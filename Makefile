@@ -22,6 +22,7 @@ lint: $(VENV)/lint.stamp
 
 bench: $(VENV)/test.stamp
 	$(BIN)/python Testing/Benchmarks/bench_flattening.py
+	$(BIN)/python Testing/Benchmarks/bench_folds.py
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' \

@@ -1,1 +1,50 @@
-"""Standardised, fold-free 2D maps of the left atrium."""
+"""Standardised, fold-free 2D maps of the left atrium.
+
+Three lines from files to map::
+
+    from LAFlatteningLib import flatten, read_seeds, read_surface
+    flat_map = flatten(read_surface("atrium.vtp"), read_seeds("seeds.csv"))
+    print(flat_map.metrics)
+"""
+
+from ._version import __version__
+from .anatomy import LEFT_ATRIUM, Anatomy
+from .errors import (
+    Cancelled,
+    FoldError,
+    InputFileError,
+    LAFlatteningError,
+    SeedError,
+    SurfaceError,
+    TemplateError,
+)
+from .files import read_seeds, read_surface, write_seeds, write_surface
+from .flattening import FlatMap, Flattener, flatten
+from .phantom import Phantom, make_phantom
+from .surface import Surface
+from .template import Template, builtin_templates
+
+__all__ = [
+    "LEFT_ATRIUM",
+    "Anatomy",
+    "Cancelled",
+    "FlatMap",
+    "Flattener",
+    "FoldError",
+    "InputFileError",
+    "LAFlatteningError",
+    "Phantom",
+    "SeedError",
+    "Surface",
+    "SurfaceError",
+    "Template",
+    "TemplateError",
+    "__version__",
+    "builtin_templates",
+    "flatten",
+    "make_phantom",
+    "read_seeds",
+    "read_surface",
+    "write_seeds",
+    "write_surface",
+]

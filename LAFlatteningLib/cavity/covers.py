@@ -186,9 +186,6 @@ def _cover(
     local[outline] = np.arange(len(outline))
     joined = local[ends]
     sigma = _mean_at_points(joined, length, len(outline))
-    for first, last in pairwise(start):
-        # A cluster of (nearly) coincident points must not ask for endless refinement.
-        sigma[first:last] = np.maximum(sigma[first:last], 0.1 * np.median(sigma[first:last]))
     rim_of_outline = np.repeat(np.arange(len(rims)), np.diff(start))
     joined = joined[(joined >= 0).all(axis=1)]
     joined = joined[rim_of_outline[joined[:, 0]] == rim_of_outline[joined[:, 1]]]
@@ -492,11 +489,8 @@ class _Patches:
             np.concatenate([3 * which + 1, 3 * which + 2]), np.concatenate([3 * second + 1, 3 * third + 2])
         )
         twin = self.twin.reshape(-1)
-        for left, right in [
-            (3 * which + 1, 3 * second),
-            (3 * which + 2, 3 * third),
-            (3 * second + 2, 3 * third + 1),
-        ]:
+        sides = [(3 * which + 1, 3 * second), (3 * which + 2, 3 * third), (3 * second + 2, 3 * third + 1)]
+        for left, right in sides:
             twin[left], twin[right] = right, left
 
     def unfold(self) -> None:
@@ -588,12 +582,8 @@ class _Patches:
     def _unfolding(self, slots: IntArray, twins: IntArray) -> tuple[FloatArray, IntArray]:
         """As `_gains`, for the turns beyond a right angle across each edge and the four round it."""
         ids = self._quadrilaterals(slots, twins)
-        vectors = np.stack(_area_vectors_of_flip(self.points[ids]))
-        twice_area = np.linalg.norm(vectors, axis=2)
-        pqr, srq, pqs, srp = (_unit(vector) for vector in vectors)
+        pqr, srq, pqs, srp = (_unit(vector) for vector in _area_vectors_of_flip(self.points[ids]))
         gain = _turn(pqr, srq) - _turn(pqs, srp)
-        # A triangle without area has no normal and would only hide a fold.
-        gain[twice_area[2:].min(axis=0) < 1e-3 * twice_area[:2].sum(axis=0)] = -np.inf
         a, i = np.divmod(slots, 3)
         b, j = np.divmod(twins, 3)
         flat = self.twin.reshape(-1)
@@ -662,10 +652,7 @@ class _Patches:
 
 def _cross(u: FloatArray, v: FloatArray) -> FloatArray:
     # Written out: several times faster than np.cross on short arrays.
-    return np.stack(
-        [u[:, k - 2] * v[:, k - 1] - u[:, k - 1] * v[:, k - 2] for k in range(3)],
-        axis=1,
-    )
+    return np.stack([u[:, k - 2] * v[:, k - 1] - u[:, k - 1] * v[:, k - 2] for k in range(3)], axis=1)
 
 
 def _area_vectors_of_flip(corner: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -781,37 +768,40 @@ def _neutral(values: NDArray, count: int) -> NDArray:
 def _continue_on_covers(surface: Surface, rims: Sequence[IntArray], covers: _Covers) -> dict[str, NDArray]:
     """The surface's point arrays with values for the inner points of covers."""
     n, k = len(surface.points), len(covers.inner)
-    used, compact = np.unique(covers.triangles, return_inverse=True)
-    triangles = compact.reshape(-1, 3)
-    points = np.concatenate([surface.points, covers.inner])[used]
-    inner = used >= n
-    rim_of = np.empty(n + k, np.int64)
-    for number, rim in enumerate(rims):
-        rim_of[rim] = number
-    rim_of[n:] = covers.rim_of_point
-    rim_of = rim_of[used]
     nearest = np.empty(k, np.int64)
     for number, rim in enumerate(rims):
         own = covers.rim_of_point == number
         nearest[own] = rim[cKDTree(surface.points[rim]).query(covers.inner[own])[1]]
+    floating = {name: values for name, values in surface.point_data.items() if values.dtype.kind == "f"}
+    used, compact = np.unique(covers.triangles, return_inverse=True)
+    points = np.concatenate([surface.points, covers.inner])[used]
+    inner = used >= n
+    rim_of = np.concatenate([np.empty(n, np.int64), covers.rim_of_point])
+    for number, rim in enumerate(rims):
+        rim_of[rim] = number
+    columns = [values.reshape(n, -1)[used[~inner]].astype(np.float64) for values in floating.values()]
+    table = np.full((len(used), sum(column.shape[1] for column in columns)), np.nan)
+    if columns:
+        table[~inner] = np.concatenate(columns, axis=1)
+        _spread(table, np.isfinite(table), _harmonic(points, compact.reshape(-1, 3)), rim_of[used])
 
-    result = {}
-    weights = _harmonic(points, triangles)
+    result, first = {}, 0
     for name, values in surface.point_data.items():
-        if values.dtype.kind != "f":
-            result[name] = np.concatenate([values, values[nearest]])
-            continue
-        columns = np.full((len(used), int(np.prod(values.shape[1:], dtype=int))), np.nan)
-        columns[~inner] = values.reshape(n, -1)[used[~inner]]
-        known = np.isfinite(columns) & ~inner[:, None]
-        for pattern in np.unique(known, axis=1).T:
-            alike = (known == pattern[:, None]).all(axis=0)
-            # A rim without any value has nothing to spread.
-            unknown = ~pattern & (np.bincount(rim_of[pattern], minlength=len(rims)) > 0)[rim_of]
-            reached = unknown | pattern
-            if unknown.any():
-                part = weights[reached][:, reached]
-                columns[np.ix_(reached, alike)] = _solve(part, unknown[reached], columns[np.ix_(reached, alike)])
-        added = columns[inner].reshape(k, *values.shape[1:]).astype(values.dtype)
+        added = values[nearest]
+        if name in floating:
+            width = values[:1].size
+            added = table[inner, first : first + width].reshape(added.shape).astype(values.dtype)
+            first += width
         result[name] = np.concatenate([values, added])
     return result
+
+
+def _spread(table: FloatArray, known: BoolArray, matrix: sparse.csr_matrix, rim_of: IntArray) -> None:
+    """Replace unknown values of each column by harmonic ones; those of a rim without any known value stay."""
+    for pattern in np.unique(known, axis=1).T:
+        alike = (known == pattern[:, None]).all(axis=0)
+        unknown = ~pattern & (np.bincount(rim_of[pattern], minlength=rim_of.max() + 1) > 0)[rim_of]
+        reached = unknown | pattern
+        if unknown.any():
+            part = np.ix_(reached, alike)
+            table[part] = _solve(matrix[reached][:, reached], unknown[reached], table[part])

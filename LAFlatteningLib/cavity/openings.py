@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -151,6 +151,8 @@ def make_cavity(surface: Surface, anatomy: Anatomy, outer_points: FloatArray) ->
     outer_loop = open_loops[outer]
     part, ids = closed.submesh(cover < 0)
     part = part.with_data({POINT_ID_ARRAY: ids})
+    if HOLE_ARRAY not in surface.point_data:
+        part = replace(part, point_data={k: v for k, v in part.point_data.items() if k != HOLE_ARRAY})
     if len(part.boundary_loops) != expected:
         raise SurfaceError(
             f"The cavity between the covers has {len(part.boundary_loops)} rims, expected {expected}: covers touch each "

@@ -20,6 +20,7 @@ def test_open_atrium_keeps_points_and_order(phantom):
     assert np.array_equal(cavity.surface.triangles, phantom.surface.triangles)
     assert cavity.surface.point_data["surface_point_id"].tolist() == list(range(len(phantom.surface.points)))
     assert np.array_equal(cavity.surface.point_data["LGE"], phantom.surface.point_data["LGE"])
+    assert set(cavity.surface.point_data) == {*phantom.surface.point_data, "surface_point_id"}
     assert len(cavity.closed.boundary_loops) == 1
     assert cavity.closed.genus == 0
     assert cavity.closed.is_oriented

@@ -183,11 +183,20 @@ def test_least_area_of_a_flat_polygon_is_its_own() -> None:
         assert signed.sum() == pytest.approx(shoelace(outline))
 
 
-def test_ties_are_decided_by_short_diagonals() -> None:
-    # Every triangulation of a flat convex polygon has the same area; a fan from one point would be a bad one.
-    triangles = minimum_area_triangulation(circle(64))
-    assert triangles is not None
-    assert np.bincount(triangles.reshape(-1)).max() < 16
+@pytest.mark.parametrize("n", [6, 9])
+def test_ties_are_decided_by_short_diagonals(n: int) -> None:
+    # Every triangulation of a flat convex polygon has the same area, to rounding.
+    def squares(chosen: list[tuple[int, int, int]] | list[list[int]]) -> float:
+        pairs = {pair for triangle in chosen for pair in combinations(sorted(triangle), 2)}
+        return float(sum(((points[i] - points[j]) ** 2).sum() for i, j in pairs))
+
+    every = list(triangulations(tuple(range(n))))
+    rng = np.random.default_rng(n)
+    for _ in range(10):
+        points = (circle(n) * [2.0, 1.0, 1.0]) @ np.linalg.qr(rng.normal(size=(3, 3)))[0] + rng.normal(size=3)
+        found = minimum_area_triangulation(points)
+        assert found is not None
+        assert squares(found.tolist()) == pytest.approx(min(squares(chosen) for chosen in every), rel=1e-9)
 
 
 def test_long_rims_are_cut_into_exact_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -348,6 +357,28 @@ def test_degenerate_rims_still_give_a_disk(rim: FloatArray) -> None:
     assert patch.area == pytest.approx(abs(shoelace(rim)), abs=1e-9)
 
 
+@pytest.mark.parametrize("fairing", ["membrane", "thin-plate"])
+def test_tube_pressed_flat_at_its_end(fairing: covers.Fairing) -> None:
+    surface = tube(32)
+    points = surface.points.copy()
+    points[surface.boundary_loops[1], 1] = 0.0
+    surface = Surface(points, surface.triangles)
+    closed, _ = close_rims(surface, surface.boundary_loops[1:], fairing=fairing)
+    assert (closed.is_manifold, closed.is_oriented, closed.genus, len(closed.boundary_loops)) == (True, True, 0, 1)
+    inner = closed.points[len(points) :]
+    assert (np.abs(inner) <= np.abs(points).max(axis=0) + 3.0).all()
+
+
+def test_harmonic_weights_are_positive() -> None:
+    # Two triangles with obtuse angles across their common edge: its cotangent weight is negative.
+    points = np.array([[-1.0, 0, 0], [1, 0, 0], [0, 0.2, 0], [0, -0.2, 0]])
+    triangles = np.array([[0, 1, 2], [1, 0, 3]])
+    assert operators.cotangent_laplacian(points, triangles)[0, 1] > 0
+    matrix = covers._harmonic(points, triangles).toarray()
+    assert (matrix[~np.eye(4, dtype=bool)] <= 0).all()
+    np.testing.assert_allclose(matrix.sum(axis=1), 0, atol=1e-12)
+
+
 def test_same_cover_in_any_unit_and_place() -> None:
     rim = wavy_rim(np.random.default_rng(8), 60, 0.3, 0.2)
     inner, triangles = cover_rim(rim, np.arange(60))
@@ -408,13 +439,47 @@ def test_an_edge_of_the_surface_is_not_used_twice() -> None:
     assert not (np.isin(closed.triangles[owner == 0], [1, 3]).sum(axis=1) == 2).any()
 
 
+def test_a_flap_on_the_rim_is_not_covered_twice() -> None:
+    # A triangle on edge 0-1 of the hole stands up outwards. The least area would lay a second one on it.
+    collar, rim = plate_with_hole(circle(24, 5.0)[:, :2])
+    tip = 1.1 * collar.points[[0, 1]].mean(axis=0) + [0.0, 0.0, 0.8]
+    surface = Surface(np.concatenate([collar.points, [tip]]), np.concatenate([collar.triangles, [[0, 1, 48]]]))
+    if not surface.is_oriented:
+        surface = surface.with_triangles(np.concatenate([collar.triangles, [[1, 0, 48]]]))
+    rim = next(loop for loop in surface.boundary_loops if 48 in loop)
+    assert len(rim) == 25
+    free = minimum_area_triangulation(surface.points[rim])
+    assert free is not None
+    assert [0, 1, 48] in np.sort(rim[free], axis=1).tolist()
+    closed, owner = close_rims(surface, [rim])
+    assert (closed.is_manifold, closed.is_oriented, closed.genus, len(closed.boundary_loops)) == (True, True, 0, 1)
+    assert (np.isin(closed.triangles[owner == 0], [0, 1]).sum(axis=1) < 2).all()
+
+
+def test_two_flips_at_once_do_not_make_the_same_edge() -> None:
+    # A tent over a rhombus: flipping either of two opposite seams would make its short diagonal.
+    tent = np.array([[0, -0.3, 0], [1, 0, 0], [0, 0.3, 0], [-1, 0, 0], [0, 0, 0.5]])
+    patch = covers._Patches(tent, np.ones(5), np.zeros(5, np.int64), np.zeros((0, 2), np.int64))
+    patch.add_triangles(np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]), 0)
+    patch.join()
+    patch.relax()
+    assert (np.isin(patch.triangles, [0, 2]).sum(axis=1) == 2).sum() == 2  # the edge was made, once
+    assert Surface(tent, patch.triangles).is_manifold
+
+
 def test_fan_round_a_new_point_where_all_diagonals_are_edges() -> None:
     surface = seven_point_torus_without_a_point()
+    values = np.random.default_rng(1).normal(size=(6, 50))
+    surface = surface.with_data({"values": values})
     assert (surface.genus, [len(loop) for loop in surface.boundary_loops]) == (1, [6])
     for fairing in ("membrane", "thin-plate"):
         closed, _ = close_rims(surface, surface.boundary_loops, fairing=fairing)
         assert (closed.is_manifold, closed.is_oriented, closed.genus) == (True, True, 1)
         assert len(closed.boundary_loops) == 0
+        # No edge here can be flipped for better angles; values stay between those of the rim all the same.
+        inner = closed.point_data["values"][6:]
+        assert (inner >= values.min(axis=0)).all()
+        assert (inner <= values.max(axis=0)).all()
 
 
 # ---- arrays ---------------------------------------------------------------------------------------------------------
@@ -423,6 +488,9 @@ def test_fan_round_a_new_point_where_all_diagonals_are_edges() -> None:
 def test_ids_stay_and_covers_follow_rim_by_rim() -> None:
     regular = tube(30)
     uneven = regular.points + np.random.default_rng(2).uniform(-0.1, 0.1, regular.points.shape)
+    # Rims of different shapes, so that their fairing takes different numbers of solves.
+    angle = np.arctan2(uneven[:, 1], uneven[:, 0])
+    uneven[:, 2] += np.where(uneven[:, 2] > uneven[:, 2].mean(), 4 * np.cos(2 * angle), np.cos(3 * angle))
     surface = Surface(uneven, regular.triangles)
     rims = surface.boundary_loops
     closed, owner = close_rims(surface, rims)
@@ -500,6 +568,22 @@ def test_arrays_continue_on_covers() -> None:
     assert (closed.cell_data["tag"][owner >= 0] == "").all()
     assert closed.field_data["patient"].tolist() == ["7"]
     assert closed.space == "RAS"
+
+
+def test_floating_arrays_stay_between_the_values_of_the_rim() -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(5):
+        n = 60
+        rim = wavy_rim(rng, n, 0.5, 1.0)
+        collar = np.concatenate([rim, rim * [1.2, 1.2, 1.0]])
+        a, b = np.arange(n), (np.arange(n) + 1) % n
+        triangles = np.concatenate([np.stack([a, a + n, b], axis=1), np.stack([b, a + n, b + n], axis=1)])
+        values = rng.normal(size=(2 * n, 4))
+        surface = Surface(collar, triangles, {"values": values})
+        closed, _ = close_rims(surface, [next(loop for loop in surface.boundary_loops if loop.max() < n)])
+        inner = closed.point_data["values"][2 * n :]
+        assert (inner >= values[:n].min(axis=0)).all()
+        assert (inner <= values[:n].max(axis=0)).all()
 
 
 def test_hole_marks_inner_points_only_and_earlier_marks_stay() -> None:

@@ -1,0 +1,131 @@
+"""How long a map takes, stage by stage, how that grows, and what the textbook way takes in the same run.
+
+    make bench      or      python Testing/Benchmarks/bench_flattening.py [--sizes 5000,20000] [--repeat 3]
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import subprocess
+import sys
+import time
+
+import cases
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
+
+from LAFlatteningLib import Flattener, operators
+from LAFlatteningLib.constraints import Constraints, constraints_by_count
+from LAFlatteningLib.division import divide_as_published
+from LAFlatteningLib.flattening import FlatMap
+
+STAGES = ("cavity", "division", "solve", "untangle", "refine", "total")
+
+
+def timed(points: int, repeat: int, method: str) -> tuple[dict[str, float], FlatMap]:
+    """Median seconds of each stage over fresh flatteners, and the last map."""
+    surface, seeds = cases.phantom(points)
+    runs = []
+    for _ in range(repeat):
+        fresh = type(surface)(surface.points, surface.triangles)
+        flat_map = Flattener(fresh, method=method).flatten(seeds)
+        runs.append(flat_map.seconds)
+    return {stage: float(np.median([run.get(stage, 0.0) for run in runs])) for stage in STAGES}, flat_map
+
+
+def textbook(flat_map: FlatMap, constraints: Constraints) -> float:
+    """Seconds for equations 3-6 as they stand in the paper: a saddle-point matrix with multipliers and one
+    spsolve a coordinate, then one spsolve a coordinate for the refinement."""
+    surface = flat_map.surface
+    n, p = len(surface.points), len(constraints.path_ids)
+    began = time.perf_counter()
+
+    def system(laplacian: sparse.csr_matrix) -> sparse.csr_matrix:
+        keep = np.ones(n)
+        keep[constraints.rim_ids] = 0.0
+        return (sparse.diags(keep) @ laplacian + sparse.diags(1.0 - keep)).tocsr()
+
+    matrix = system(2.0 * operators.cotangent_laplacian(surface.points, surface.triangles))
+    picks = sparse.csr_matrix((np.ones(p), (np.arange(p), constraints.path_ids)), shape=(p, n))
+    saddle = sparse.bmat([[1e6 * matrix.T @ matrix, picks.T], [picks, None]], format="csc")
+    first = np.empty((n, 2))
+    targets = np.zeros((n, 2))
+    targets[constraints.rim_ids] = constraints.rim_targets
+    for axis in (0, 1):
+        right = np.concatenate([1e6 * matrix.T @ targets[:, axis], constraints.path_targets[:, axis]])
+        first[:, axis] = spsolve(saddle, right)[:n]
+    refined = system(operators.cotangent_laplacian(first, surface.triangles)).tocsc()
+    for axis in (0, 1):
+        spsolve(refined, targets[:, axis])
+    return time.perf_counter() - began
+
+
+def peak_memory(points: int) -> float:
+    """Peak memory of a process that makes and maps one phantom, MB; of the phantom alone is printed beside it."""
+    code = (
+        "import sys; sys.path.insert(0, sys.argv[1]); import cases, resource; from LAFlatteningLib import Flattener;"
+        "surface, seeds = cases.phantom(int(sys.argv[2]));"
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024);"
+        "Flattener(surface).flatten(seeds); print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)"
+    )
+    output = subprocess.run(
+        [sys.executable, "-c", code, sys.path[0], str(points)], check=True, capture_output=True, text=True
+    ).stdout.split()
+    print(f"peak memory at {points} points: {float(output[1]):.0f} MB (the phantom alone: {float(output[0]):.0f} MB)")
+    return float(output[1])
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--sizes", default="5000,10000,20000,50000,100000,200000")
+    parser.add_argument("--repeat", type=int, default=3)
+    options = parser.parse_args()
+    sizes = [int(size) for size in options.sizes.split(",")]
+
+    print("Seconds from surface and seeds to map, method regional, phantom (median of repeated runs)")
+    print(f"{'points':>8} " + " ".join(f"{stage:>9}" for stage in STAGES) + f" {'growth':>7}")
+    totals: list[float] = []
+    for size in sizes:
+        seconds, flat_map = timed(size, options.repeat if size <= 50000 else 1, "regional")
+        totals.append(seconds["total"])
+        growth = ""
+        if len(totals) > 1:
+            previous = sizes[len(totals) - 2]
+            growth = f"N^{np.log(totals[-1] / totals[-2]) / np.log(size / previous):.2f}"
+        print(f"{size:>8} " + " ".join(f"{seconds[stage]:>9.3f}" for stage in STAGES) + f" {growth:>7}", flush=True)
+        if len(flat_map.folded_triangles):
+            raise SystemExit(f"{len(flat_map.folded_triangles)} folded triangles at {size} points")
+    if len(totals) > 1:
+        slope = np.polyfit(np.log(sizes), np.log(totals), 1)[0]
+        print(f"growth over all sizes: N^{slope:.2f}")
+
+    size = 20000
+    print(f"\nAgainst the textbook way (saddle-point matrix, one spsolve a coordinate), {size} points, one run after another")
+    surface, seeds = cases.phantom(size)
+    ratios = []
+    for _ in range(options.repeat):
+        flattener = Flattener(type(surface)(surface.points, surface.triangles))
+        flat_map = flattener.flatten(seeds)
+        division = divide_as_published(flat_map.cavity, flat_map.seeds, flat_map.template, "half-even")
+        slow = textbook(flat_map, constraints_by_count(division, flat_map.template, as_printed=False))
+        moved = flattener.flatten(seeds).seconds["total"]
+        fast = flat_map.seconds["total"]
+        ratios.append(slow / fast)
+        print(
+            f"textbook solves {slow:.2f} s; regional, covers to map, {fast:.2f} s: {slow / fast:.1f} times faster; "
+            f"with covers kept (a moved seed) {moved:.2f} s: {slow / moved:.1f} times"
+        )
+    print(f"median ratio {np.median(ratios):.1f}")
+
+    seconds, _ = timed(size, options.repeat, "paper")
+    print(f"method paper at {size} points: " + ", ".join(f"{k} {v:.3f} s" for k, v in seconds.items() if v))
+    print()
+    peak_memory(200000)
+    print(f"this process: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
+
+
+if __name__ == "__main__":
+    main()
