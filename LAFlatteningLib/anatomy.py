@@ -154,7 +154,7 @@ def _check(anatomy: Anatomy) -> None:
         ends = [name for name, pair in anatomy.paths.items() if seed in pair]
         if len(ends) != 1:
             raise TemplateError(
-                f"anatomy.outer_seeds.{seed}: expected exactly one path to end there, found {', '.join(ends) or 'none'}."
+                f"anatomy.outer_seeds.{seed}: expected one path to end there, found {', '.join(ends) or 'none'}."
             )
     for hole in anatomy.holes:
         ends = sorted(name for name, pair in anatomy.paths.items() if hole in pair)
@@ -174,9 +174,7 @@ def _check(anatomy: Anatomy) -> None:
                 "paths round each opening (anatomy.rims, anatomy.outer_seeds)."
             )
     if len(faces) != len(anatomy.regions):
-        raise TemplateError(
-            f"anatomy.regions: expected {len(faces)} regions, as many as the paths cut out, found {len(anatomy.regions)}."
-        )
+        raise TemplateError(f"anatomy.regions: the paths cut out {len(faces)} regions, found {len(anatomy.regions)}.")
 
 
 LEFT_ATRIUM = Anatomy(

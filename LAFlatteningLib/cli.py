@@ -207,8 +207,8 @@ def _report(flat_map: FlatMap, outputs: Sequence[str]) -> None:
     for note in metrics["notes"]:
         print(f"Note: {note}")
     print(
-        f"{metrics['points']} points, {metrics['triangles']} triangles; folded triangles {metrics['folded_triangles']}, "
-        f"overlapping pairs {metrics['overlapping_pairs']}"
+        f"{metrics['points']} points, {metrics['triangles']} triangles; "
+        f"folded triangles {metrics['folded_triangles']}, overlapping pairs {metrics['overlapping_pairs']}"
     )
     print(
         f"beta mean {metrics['beta']['mean']:.3f}, dilatation median {metrics['dilatation']['median']:.2f}, "
@@ -216,7 +216,8 @@ def _report(flat_map: FlatMap, outputs: Sequence[str]) -> None:
         f"path drift {metrics['path_drift']:.1e} disk radii"
     )
     print(
-        f"method {metrics['method']}, template {metrics['template']}, {metrics['seconds']['total']:.2f} s from seeds to map"
+        f"method {metrics['method']}, template {metrics['template']}, "
+        f"{metrics['seconds']['total']:.2f} s from seeds to map"
     )
     print("Wrote " + ", ".join(str(path) for path in outputs))
 
@@ -237,7 +238,9 @@ def _info(options: argparse.Namespace, progress: _Progress) -> None:
         print(f"handles (genus): {surface.genus}")
     for number, loop in enumerate(sorted(loops, key=surface.loop_length, reverse=True), start=1):
         centre = ", ".join(f"{x:.1f}" for x in surface.points[loop].mean(axis=0))
-        print(f"opening {number}: perimeter {surface.loop_length(loop):.1f} mm, {len(loop)} points, centre ({centre}) mm")
+        print(
+            f"opening {number}: perimeter {surface.loop_length(loop):.1f} mm, {len(loop)} points, centre ({centre}) mm"
+        )
     if not loops and surface.is_manifold:
         print("openings: none (closed surface)")
     if HOLE_ARRAY in surface.point_data:

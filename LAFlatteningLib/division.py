@@ -30,12 +30,14 @@ class SeedPaths:
     Attributes
     ----------
     paths : path -> point ids in `Cavity.closed`, from the first seed to the second.
+    lengths : path -> its length, mm.
     loops : opening -> its rim as ids of the cavity, counter-clockwise on the map.
     feet : opening -> path -> index in the loop of the point where the path leaves the cover (or of the seed,
         on the outer rim).
     """
 
     paths: Mapping[str, IntArray]
+    lengths: Mapping[str, float]
     loops: Mapping[str, IntArray]
     feet: Mapping[str, Mapping[str, int]]
 
@@ -97,7 +99,8 @@ def _connect(cavity: Cavity, seeds: SnappedSeeds, anatomy: Anatomy, trees: Mappi
                     f"Path {name} does not leave {opening} through its rim; check the cover of {opening}."
                 )
             feet[opening][name] = int(index[0])
-    return SeedPaths(paths, loops, feet)
+    lengths = {name: _path_length(cavity.closed, ids) for name, ids in paths.items()}
+    return SeedPaths(paths, lengths, loops, feet)
 
 
 def _out_of_order(paths: SeedPaths, anatomy: Anatomy, step: int = 1) -> list[str]:
@@ -154,7 +157,7 @@ def _explain(
         other_trees = {label: trees[swap.get(label, label)] for label in trees}
         attempt = _connect(cavity, renamed, anatomy, other_trees)
         if not _misplaced(attempt, anatomy):
-            length = sum(_path_length(cavity.closed, ids) for ids in attempt.paths.values())
+            length = sum(attempt.lengths.values())
             candidates.append((length, a, b))
     if candidates:
         _, a, b = min(candidates)
@@ -185,8 +188,8 @@ def _check_rotation(seeds: SnappedSeeds, anatomy: Anatomy, trees: Mapping[str, P
         shift = int(np.argmin(lengths))
         renames = ", ".join(f"{order[(k + shift) % len(order)]} as {order[k]}" for k in range(len(order)))
         raise SeedError(
-            f"The seeds on the {anatomy.outer} rim look moved on by {shift} place{'s' if shift > 1 else ''}: the paths to "
-            f"them are {lengths[0]:.0f} mm long together, {min(lengths):.0f} mm with {renames}.",
+            f"The seeds on the {anatomy.outer} rim look moved on by {shift} place{'s' if shift > 1 else ''}: the paths "
+            f"to them are {lengths[0]:.0f} mm long together, {min(lengths):.0f} mm with {renames}.",
             order,
         )
 
@@ -210,8 +213,8 @@ def _place_feet(
             index = new_feet(opening, loop, index)
         if len(loop) < 2 * len(index) or (np.diff(np.append(index, len(loop))) < 1).any():
             raise SurfaceError(
-                f"The rim of {opening} has {len(loop)} points and the paths {', '.join(order)} meet on it in one point. "
-                "Move the seed towards the middle of the opening, or use a finer mesh."
+                f"The rim of {opening} has {len(loop)} points and the paths {', '.join(order)} meet on it in one "
+                "point. Move the seed towards the middle of the opening, or use a finer mesh."
             )
         loops[opening], feet[opening] = loop, index
     return loops, feet
@@ -272,7 +275,13 @@ def divide(surface: Surface, connected: SeedPaths, template: Template) -> Divisi
         name: (foot[anatomy.opening_of(a), name], foot[anatomy.opening_of(b), name])
         for name, (a, b) in anatomy.paths.items()
     }
-    direct = {name: router.path(*pair) for name, pair in ends.items()}
+    direct = {}
+    for name, pair in ends.items():
+        # Seldom much longer than from seed to seed; if it is, look farther.
+        near = DETOUR * connected.lengths[name] + DETOUR_MM
+        direct[name] = router.path(*pair, limit=near)
+        if direct[name] is None:
+            direct[name] = router.path(*pair)
     length = {name: np.inf if ids is None else _path_length(surface, ids) for name, ids in direct.items()}
     paths: dict[str, IntArray] = {}
     # The shortest have the least room to give way.
@@ -281,11 +290,11 @@ def divide(surface: Surface, connected: SeedPaths, template: Template) -> Divisi
         if ids is None or router.is_blocked(ids[1:-1]):
             ids = router.path(*ends[name])
         if ids is None or _path_length(surface, ids) > DETOUR * length[name] + DETOUR_MM:
-            pair = anatomy.paths[name]
+            a, b = anatomy.paths[name]
             raise SeedError(
-                f"Path {name} from {pair[0]} to {pair[1]} is cut off by the other paths "
-                f"({', '.join(paths) or 'or by a rim'}). Check seeds {pair[0]} and {pair[1]} and their neighbours.",
-                pair,
+                f"Path {name} from {a} to {b} is cut off by a rim or by other paths ({', '.join(paths) or 'none'}). "
+                f"Check seeds {a} and {b} and their neighbours.",
+                (a, b),
             )
         paths[name] = ids
         router.block(ids)
@@ -326,11 +335,11 @@ class _Router:
     def is_blocked(self, ids: IntArray) -> bool:
         return bool(self._taken[ids].any())
 
-    def path(self, start: int, end: int) -> IntArray | None:
+    def path(self, start: int, end: int, limit: float = np.inf) -> IntArray | None:
         way_out = slice(self._graph.indptr[start], self._graph.indptr[start + 1])
         self._graph.data[way_out] = self._weights[way_out]
         try:
-            return PathTree(self._graph, start).to(end)
+            return PathTree(self._graph, start, limit).to(end)
         finally:
             self._graph.data[way_out] = np.inf
 

@@ -148,7 +148,7 @@ def _run_writer(writer: vtkAlgorithm, surface: Surface, path: Path) -> None:
 
 
 def _space(notes: str) -> str:
-    # Slicer looks for exactly these letters, RAS first, and takes LPS where it finds neither.
+    """The axes that a header declares: Slicer looks for exactly these letters, RAS first; LPS if it has neither."""
     return "RAS" if "SPACE=RAS" in notes else "LPS"
 
 
@@ -163,7 +163,7 @@ def _read_vtp(path: Path) -> Surface:
     # VTK ends the whole program if it cannot get the memory that a damaged count asks for.
     most = 1000 * path.stat().st_size
     for name, count in re.findall(rb"\s(NumberOf\w+)\s*=\s*[\"']([^\"']*)", head):
-        if not count.strip().isdigit() or int(count) > most:
+        if not count.strip().isdigit() or len(count) > 18 or int(count) > most:
             raise _unreadable(path, f"{name.decode()} is {count.decode('latin-1')}, which is impossible")
     reader = vtkXMLPolyDataReader()
     forward = vtkEventForwarderCommand()
@@ -171,7 +171,7 @@ def _read_vtp(path: Path) -> Surface:
     reader.SetParserErrorObserver(forward)
     polydata = _run_reader(reader, path)
     tag = polydata.GetFieldData().GetAbstractArray("SPACE")
-    declared = tag.GetValue(0) if isinstance(tag, vtkStringArray) and tag.GetNumberOfValues() else ""
+    declared = _text(tag.GetValue(0)) if isinstance(tag, vtkStringArray) and tag.GetNumberOfValues() else ""
     if isinstance(tag, vtkStringArray):
         polydata.GetFieldData().RemoveArray("SPACE")
     return Surface.from_polydata(polydata, "RAS" if "RAS" in declared else "LPS")
@@ -339,7 +339,7 @@ class _LegacyFile:
                 raise EOFError(what)
             self.place = int(self.ends[last]) if count else start
             with np.errstate(over="ignore"):
-                return np.array(self.data[start : self.place].split(), bytes).astype(dtype)
+                return np.array(self.data[start : self.place].split(), dtype)
         self.place += (count + 7) // 8 if kind.lower() == "bit" else count * dtype.itemsize
         if self.place > len(self.data):
             raise EOFError(what)
@@ -408,6 +408,8 @@ def _read_obj(path: Path) -> Surface:
                 points.append([float(word) for word in words[1:4]])
             elif words[:1] == ["f"]:
                 corners = [int(word.partition("/")[0]) for word in words[1:]]
+                if 0 in corners:
+                    raise ValueError
                 # Numbered from 1; or backwards from the latest vertex, which is -1.
                 faces.append([corner - 1 if corner > 0 else len(points) + corner for corner in corners])
         except ValueError as error:
@@ -442,6 +444,7 @@ def _triangles(faces: list[list[int]]) -> NDArray[np.int64]:
 
 
 def _write_obj(surface: Surface, path: Path) -> None:
+    """Write an OBJ file, in full precision; it has no arrays."""
     with path.open("w", encoding="ascii", newline="\n") as file:
         file.write(f"# {_HEADER}{surface.space}\n")
         file.writelines(f"v {x!r} {y!r} {z!r}\n" for x, y, z in surface.points.tolist())
@@ -454,7 +457,7 @@ def _read_ply(path: Path) -> Surface:
     end = re.search(rb"\nend_header[^\S\n]*\n", data)
     if not data.startswith(b"ply") or not end:
         raise _unreadable(path, 'it is not a PLY file (it does not begin with "ply" and a header)')
-    header = [line.split() for line in data[: end.start()].decode("latin-1").splitlines()]
+    header = [line.split() for line in data[: end.start()].decode(errors="replace").splitlines()]
     try:
         tables = _ply_tables(header, memoryview(data)[end.end() :])
         vertex, face = tables["vertex"], tables.get("face", {})
@@ -518,6 +521,7 @@ def _ply_tables(header: list[list[str]], body: memoryview | bytes) -> dict[str, 
 
 
 def _write_ply(surface: Surface, path: Path) -> None:
+    """Write a binary PLY file, in full precision, with the numeric point arrays."""
     columns: dict[str, NDArray[Any]] = dict(zip("xyz", surface.points.T, strict=True))
     for name, values in surface.point_data.items():
         name = re.sub(r"\s", "_", name)
@@ -633,9 +637,9 @@ class _Seeds:
         """Add a point of three numbers."""
         label = label.strip()
         if not label:
-            raise self.error(place, "", "the label is empty. Expected the name of a seed, such as RSPV.")
+            raise self.error(place, "", "the label is empty. Expected the name of a seed.")
         if len(point) != 3 or not all(_is_finite(value) for value in point):
-            raise self.error(place, label, f"expected three finite coordinates, found {point}.")
+            raise self.error(place, label, f"expected three finite coordinates, found {str(point)[:80]}.")
         if label in self.points:
             raise self.error(place, label, f"the label is also that of {self.places[label]}. Keep one of them.")
         self.points[label] = scale * np.array(point, np.float64)
@@ -870,6 +874,7 @@ def write_text(path: PathLike, text: str) -> None:
 
 
 def _unwritable(path: PathLike, error: OSError) -> InputFileError:
+    """The error for a file that the system refuses to write."""
     return InputFileError(
         f'"{path}" cannot be written: {error.strerror or error}. Check the space on the disk, whether you may write '
         "there, and that no other program has the file open."
@@ -877,16 +882,18 @@ def _unwritable(path: PathLike, error: OSError) -> InputFileError:
 
 
 def _unreadable(path: Path, reason: str) -> InputFileError:
+    """The error for a file that is not what it should be."""
     return InputFileError(f'"{path}" cannot be read: {reason}. Check that it is the right file, or export it again.')
 
 
 def _known_suffix(path: Path, suffixes: Collection[str], what: str) -> str:
+    """The first of the extensions that a name has, in upper or lower case."""
     found = [suffix for suffix in suffixes if path.name.lower().endswith(suffix)]
     if not found:
         raise InputFileError(
             f'"{path}" has the extension "{path.suffix}", expected a file of {what}: {", ".join(suffixes)}.'
         )
-    return max(found, key=len)
+    return found[0]
 
 
 def _input_suffix(path: Path, suffixes: Collection[str], what: str) -> str:

@@ -18,6 +18,7 @@ class PathTree:
     ----------
     graph : (n, n) symmetric sparse edge lengths, e.g. `Surface.edge_graph`.
     source : id of the point where all paths start.
+    limit : points farther than this are left out, as if there were no way to them.
 
     Examples
     --------
@@ -26,11 +27,11 @@ class PathTree:
     [0, 1, 2]
     """
 
-    def __init__(self, graph: sparse.csr_matrix, source: int) -> None:
+    def __init__(self, graph: sparse.csr_matrix, source: int, limit: float = np.inf) -> None:
         self.source = int(source)
         self.distance: FloatArray
         """(n,) length of the shortest edge path to each point, infinite where there is none."""
-        self.distance, self._before = dijkstra(graph, indices=self.source, return_predecessors=True)
+        self.distance, self._before = dijkstra(graph, indices=self.source, return_predecessors=True, limit=limit)
 
     def to(self, target: int) -> IntArray | None:
         """Point ids from the source to a target, both included; None if it cannot be reached."""

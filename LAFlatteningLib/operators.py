@@ -52,20 +52,26 @@ def signed_volume(points: FloatArray, triangles: IntArray) -> float:
 
 
 def cotangents(points: FloatArray, triangles: IntArray) -> FloatArray:
-    """Cotangent of the angle at each corner, (m, 3).
+    """Cotangent of the angle at each corner, (m, 3); see `corner_cotangents`."""
+    return corner_cotangents(points[triangles])
+
+
+def corner_cotangents(corners: FloatArray) -> FloatArray:
+    """Cotangent of the angle at each corner of separate triangles (m, 3, 2) or (m, 3, 3), (m, 3).
 
     Angles are unsigned, between 0 and pi, also where a flat triangle is folded over. A triangle without area
     has no angles; its cotangents are kept finite by giving it the area 1e-10 times its longest side squared.
     """
-    if points.shape[1] == 2:
-        points = np.column_stack([points, np.zeros(len(points))])
-    corner = points[triangles]
-    opposite = np.roll(corner, -2, axis=1) - np.roll(corner, -1, axis=1)
-    squared = np.einsum("mij,mij->mi", opposite, opposite)
-    twice_area = 2.0 * np.linalg.norm(area_vectors(points, triangles), axis=1)
+    # Side k is opposite corner k.
+    sides = [corners[:, (k + 2) % 3] - corners[:, (k + 1) % 3] for k in range(3)]
+    squared = np.stack([np.einsum("mi,mi->m", side, side) for side in sides], axis=1)
+    if corners.shape[2] == 2:
+        twice_area = np.abs(sides[0][:, 0] * sides[1][:, 1] - sides[0][:, 1] * sides[1][:, 0])
+    else:
+        twice_area = np.linalg.norm(_cross(sides[0], sides[1]), axis=1)
     floor = 1e-10 * squared.max(axis=1)
     twice_area = np.maximum(twice_area, np.where(floor > 0, floor, 1.0))
-    # cot(corner i) = (|j|^2 + |k|^2 - |i|^2) / (4 area), the law of cosines over the law of sines.
+    # cot(corner k) = (|i|^2 + |j|^2 - |k|^2) / (4 area), the law of cosines over the law of sines.
     return (squared.sum(axis=1, keepdims=True) - 2.0 * squared) / (2.0 * twice_area[:, None])
 
 

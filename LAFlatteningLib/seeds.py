@@ -108,8 +108,9 @@ def snap_seeds(seeds: Mapping[str, FloatArray], cavity: Cavity, anatomy: Anatomy
                 if k not in hole.values()
             )
             raise SeedError(
-                f"Seeds {label} and {rivals[0]} sit on the same opening; expected one seed on each of the {len(covers)} "
-                f"openings ({', '.join(anatomy.holes)}). The opening near {empty} mm has none: move one of them there.",
+                f"Seeds {label} and {rivals[0]} sit on the same opening; expected one seed on each of the "
+                f"{len(covers)} openings ({', '.join(anatomy.holes)}). "
+                f"The opening near {empty} mm has none: move one of them there.",
                 (label, rivals[0]),
             )
     return SnappedSeeds(ids, hole, moved)

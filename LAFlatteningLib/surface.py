@@ -143,7 +143,7 @@ class Surface:
     @cached_property
     def is_oriented(self) -> bool:
         """Whether neighbouring triangles turn the same way."""
-        return topology.is_oriented(self.triangles)
+        return topology.is_oriented(self.triangles, self.edges)
 
     @property
     def euler_characteristic(self) -> int:

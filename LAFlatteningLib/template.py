@@ -176,7 +176,7 @@ class Template:
         if isinstance(data["anatomy"], str):
             if data["anatomy"] not in ANATOMIES:
                 raise TemplateError(
-                    f'anatomy: expected the name of a built-in anatomy ({", ".join(ANATOMIES)}) or an anatomy object, '
+                    f"anatomy: expected the name of a built-in anatomy ({', '.join(ANATOMIES)}) or an anatomy object, "
                     f'found "{data["anatomy"]}".'
                 )
             anatomy = ANATOMIES[data["anatomy"]]
@@ -195,7 +195,7 @@ class Template:
     def load(cls, name_or_path: str | Path) -> Template:
         """A built-in template by name ("adapted1", "adapted2", "population") or one from a JSON file."""
         if str(name_or_path) in builtin_templates():
-            return cls.from_dict(load_json(_FOLDER / f"{name_or_path}.json"))
+            return _builtin(str(name_or_path))
         path = Path(name_or_path)
         if not path.suffix and not path.exists():
             raise TemplateError(
@@ -216,6 +216,11 @@ def template_schema() -> dict[str, Any]:
 def builtin_templates() -> tuple[str, ...]:
     """Names of the templates that come with the library."""
     return tuple(sorted(path.stem for path in _FOLDER.glob("*.json") if path.stem != "schema"))
+
+
+@cache
+def _builtin(name: str) -> Template:
+    return Template.from_dict(load_json(_FOLDER / f"{name}.json"))
 
 
 def _rim(data: Mapping[str, Any], spread_feet: bool) -> Rim:
@@ -240,13 +245,14 @@ def _check(template: Template) -> None:
             raise TemplateError(f"holes.{hole}: missing; {anatomy.name} has the holes {', '.join(anatomy.holes)}.")
     for hole in template.holes:
         if hole not in anatomy.holes:
-            raise TemplateError(f'holes.{hole}: unknown opening; {anatomy.name} has {", ".join(anatomy.holes)}.')
+            raise TemplateError(f"holes.{hole}: unknown opening; {anatomy.name} has {', '.join(anatomy.holes)}.")
     for opening in anatomy.openings:
         field = "outer" if opening == anatomy.outer else f"holes.{opening}"
         rim, order = template.rim(opening), anatomy.feet(opening)
         if set(rim.feet) != set(order):
             raise TemplateError(
-                f"{field}.feet: expected an angle for each of {', '.join(order)}, found {', '.join(rim.feet) or 'none'}."
+                f"{field}.feet: expected an angle for each of {', '.join(order)}, "
+                f"found {', '.join(rim.feet) or 'none'}."
             )
         total = sum(end - start for start, end in rim.arcs(order))
         if order and not np.isclose(total, 360.0):
@@ -258,13 +264,15 @@ def _check(template: Template) -> None:
     outer = template.outer.shape.outline(720)
     for hole, outline in outlines.items():
         if not _inside(outline, outer).all():
-            raise TemplateError(f"holes.{hole}.shape: reaches beyond the outer rim; move it inwards or make it smaller.")
+            raise TemplateError(
+                f"holes.{hole}.shape: reaches beyond the outer rim; move it inwards or make it smaller."
+            )
     for a, b in combinations(anatomy.holes, 2):
         if _inside(outlines[a], outlines[b]).any() or _inside(outlines[b], outlines[a]).any():
             raise TemplateError(f"holes.{a}.shape: overlaps holes.{b}.shape; move them apart or make them smaller.")
     segments = {path: template.segment(path) for path in anatomy.paths}
     for path, (start, end) in segments.items():
-        inner = start + np.linspace(0.001, 0.999, 400)[:, None] * (end - start)
+        inner = start + np.linspace(0.001, 0.999, 200)[:, None] * (end - start)
         for hole in anatomy.holes:
             if _inside(inner, outlines[hole]).any():
                 raise TemplateError(f"path {path} crosses the hole {hole}; change the angles of its feet.")
@@ -292,4 +300,4 @@ def _cross(a: FloatArray, b: FloatArray) -> bool:
     def side(p: FloatArray, q: FloatArray, r: FloatArray) -> float:
         return float((q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]))
 
-    return side(*a, b[0]) * side(*a, b[1]) < 0 and side(*b, a[0]) * side(*b, a[1]) < 0
+    return side(a[0], a[1], b[0]) * side(a[0], a[1], b[1]) < 0 and side(b[0], b[1], a[0]) * side(b[0], b[1], a[1]) < 0

@@ -80,12 +80,12 @@ def triangle_components(triangles: IntArray, mesh_edges: Edges, blocked: NDArray
     return connected_components(graph, directed=False)[1].astype(np.int64)
 
 
-def is_oriented(triangles: IntArray) -> bool:
-    """Whether neighbouring triangles all turn the same way (no directed edge is used twice)."""
-    directed = half_edges(triangles)
-    n = int(triangles.max()) + 1
-    key = directed[:, 0] * n + directed[:, 1]
-    return len(np.unique(key)) == len(key)
+def is_oriented(triangles: IntArray, mesh_edges: Edges) -> bool:
+    """Whether neighbouring triangles all turn the same way: they run through their common edge in opposite
+    directions."""
+    start, end = half_edges(triangles).T
+    forward = np.bincount(mesh_edges.of_triangle.T.reshape(-1), start < end)
+    return bool((np.abs(2 * forward - mesh_edges.usage) <= mesh_edges.usage % 2).all())
 
 
 def orient(triangles: IntArray, mesh_edges: Edges) -> IntArray:
@@ -145,11 +145,10 @@ def non_manifold_points(triangles: IntArray, mesh_edges: Edges) -> IntArray:
         cols.append(3 * b + corner_b)
     i, j = np.concatenate(rows), np.concatenate(cols)
     graph = sparse.coo_matrix((np.ones(len(i), np.int8), (i, j)), shape=(3 * m, 3 * m))
-    fan = connected_components(graph, directed=False)[1]
-    corner_point = triangles.reshape(-1)
-    pairs = np.unique(np.stack([corner_point, fan], axis=1), axis=0)
-    point, fans = np.unique(pairs[:, 0], return_counts=True)
-    bad.update(point[fans > 1].tolist())
+    count, fan = connected_components(graph, directed=False)
+    point_of_fan = np.empty(count, np.int64)
+    point_of_fan[fan] = triangles.reshape(-1)
+    bad.update(np.flatnonzero(np.bincount(point_of_fan) > 1).tolist())
     return np.array(sorted(bad), np.int64)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import topology
 from ..anatomy import Anatomy
@@ -134,7 +135,8 @@ def make_cavity(surface: Surface, anatomy: Anatomy, outer_points: FloatArray) ->
         found = f"{len(open_loops)} open" + (f" and {covered} covered" if covered else "")
         detail = f": {describe_loops(surface, open_loops)}" if open_loops else ""
         raise SurfaceError(
-            f"Expected {expected} openings ({', '.join(anatomy.openings)}), {anatomy.outer} open; found {found}{detail}. "
+            f"Expected {expected} openings ({', '.join(anatomy.openings)}), {anatomy.outer} open; "
+            f"found {found}{detail}. "
             + (
                 "Cut the missing ones open first."
                 if len(open_loops) + covered < expected or not open_loops
@@ -155,8 +157,8 @@ def make_cavity(surface: Surface, anatomy: Anatomy, outer_points: FloatArray) ->
         part = replace(part, point_data={k: v for k, v in part.point_data.items() if k != HOLE_ARRAY})
     if len(part.boundary_loops) != expected:
         raise SurfaceError(
-            f"The cavity between the covers has {len(part.boundary_loops)} rims, expected {expected}: covers touch each "
-            "other or the outer rim. Leave at least one row of triangles between openings."
+            f"The cavity between the covers has {len(part.boundary_loops)} rims, expected {expected}: covers touch "
+            "each other or the outer rim. Leave at least one row of triangles between openings."
         )
     new_outer = set(outer_loop.tolist())
     rims: dict[int, IntArray] = {}
@@ -173,7 +175,8 @@ def _marked_covers(surface: Surface) -> IntArray:
     none = np.full(len(surface.triangles), -1, np.int64)
     if HOLE_ARRAY not in surface.point_data:
         return none
-    marked = (surface.point_data[HOLE_ARRAY].reshape(len(surface.points), -1)[:, 0] > 0.5)[surface.triangles].any(axis=1)
+    at_points = np.asarray(surface.point_data[HOLE_ARRAY]).reshape(len(surface.points), -1)[:, 0] > 0.5
+    marked: NDArray[np.bool_] = at_points[surface.triangles].any(axis=1)
     if not marked.any():
         return none
     if marked.all():

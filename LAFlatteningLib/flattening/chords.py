@@ -42,7 +42,8 @@ def flip_chords(surface: Surface, rims: Sequence[IntArray]) -> tuple[Surface, in
             return surface, flipped
         triangles = surface.triangles.copy()
         touched: set[int] = set()
-        known = set(map(tuple, surface.edges.points.tolist()))
+        neighbours = surface.edge_graph
+        added: set[tuple[int, int]] = set()
         done = 0
         for chord in chords:
             one, two = (int(t) for t in surface.edges.triangles[chord])
@@ -52,7 +53,8 @@ def flip_chords(surface: Surface, rims: Sequence[IntArray]) -> tuple[Surface, in
             q = int(np.setdiff1d(triangles[two], surface.edges.points[chord])[0])
             if rim_of[p] >= 0 and rim_of[p] == rim_of[q]:
                 continue
-            if (min(p, q), max(p, q)) in known:
+            joined = neighbours.indices[neighbours.indptr[p] : neighbours.indptr[p + 1]]
+            if q in joined or (min(p, q), max(p, q)) in added:
                 continue
             # Turn triangle `one` to (p, a, b) with the chord a-b; the flip gives (p, a, q) and (q, b, p).
             corner = int(np.flatnonzero(triangles[one] == p)[0])
@@ -60,7 +62,7 @@ def flip_chords(surface: Surface, rims: Sequence[IntArray]) -> tuple[Surface, in
             triangles[one] = (p, a, q)
             triangles[two] = (q, b, p)
             touched.update((one, two))
-            known.add((min(p, q), max(p, q)))
+            added.add((min(p, q), max(p, q)))
             done += 1
         if not done:
             break

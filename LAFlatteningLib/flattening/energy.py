@@ -12,7 +12,6 @@ that a folded map can be brought down to one without folds.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +20,9 @@ from scipy import sparse
 
 from .. import operators
 from ..surface import FloatArray, IntArray
-from .solvers import factorise
+from .solvers import Factorisation
+
+ComplexArray = NDArray[np.complex128]
 
 LAMBDA = 0.01
 """Weight of keeping area against keeping angles. Small: angles matter more, but scale must not drift."""
@@ -67,69 +68,72 @@ class PatchEnergy:
         movable: NDArray[np.bool_],
         weights: FloatArray | None = None,
     ) -> None:
-        self._ids, local = np.unique(triangles, return_inverse=True)
-        self._corner = np.ascontiguousarray(local.reshape(-1, 3).T)
-        self._position = flat[self._ids]
-        self._free = np.flatnonzero(movable[self._ids])
-        self.ids = self._ids[self._free]
-        """Ids of the variables, in their order."""
-        base, x, height = rest.T
-        self._p, self._q, self._r = 1.0 / base, -x / (base * height), 1.0 / height
+        self._triangles = triangles
+        self._flat = flat.copy()
         self._weights = np.ones(len(triangles)) if weights is None else weights
         self._rest = rest
+        base, x, height = rest.T
+        self._p, self._q, self._r = 1.0 / base, -x / (base * height), 1.0 / height
         self.reach = 3.0 * float(np.sqrt(np.median(base * height)))
         """The farthest that a point may move in one step, map units."""
+        used = np.zeros(len(flat), bool)
+        used[triangles] = True
+        self.ids = np.flatnonzero(used & movable)
+        """Ids of the variables, in their order."""
+        self._number = np.full(len(flat), -1, np.int64)
+        self._number[self.ids] = np.arange(len(self.ids))
+        # Edge vectors, corner 1 - corner 0 and then corner 2 - corner 0, as a matrix on the variables.
+        k = len(triangles)
+        rows = np.tile(np.arange(2 * k), 2)
+        columns = self._number[np.concatenate([triangles[:, 1], triangles[:, 2], triangles[:, 0], triangles[:, 0]])]
+        signs = np.repeat([1.0, -1.0], 2 * k)
+        free = columns >= 0
+        self._edges = sparse.csr_matrix((signs[free], (rows[free], columns[free])), shape=(2 * k, len(self.ids)))
+        self._edges_transposed = self._edges.T.tocsr()
+        held = np.where((used & ~movable)[:, None], flat, 0.0)
+        first = held[triangles[:, 0]]
+        self._held_edges = np.concatenate([held[triangles[:, 1]] - first, held[triangles[:, 2]] - first])
 
     def start(self) -> FloatArray:
         """The variables as they are on the map, (v, 2)."""
-        return self._position[self._free]
+        return self._flat[self.ids]
 
-    def _jacobians(self, variables: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-        self._position[self._free] = variables
-        x, y = self._position.T
-        i, j, k = self._corner
-        ux, uy, vx, vy = x[j] - x[i], y[j] - y[i], x[k] - x[i], y[k] - y[i]
-        a, c = ux * self._p, uy * self._p
-        b, d = ux * self._q + vx * self._r, uy * self._q + vy * self._r
-        return a, b, c, d, a * d - b * c
+    def _columns(self, variables: FloatArray) -> tuple[ComplexArray, ComplexArray, FloatArray]:
+        """Both columns of each Jacobian as complex numbers x + iy, and its determinant."""
+        edges = (self._edges @ variables + self._held_edges).view(np.complex128)[:, 0]
+        u, v = edges[: len(self._p)], edges[len(self._p) :]
+        one, two = u * self._p, u * self._q + v * self._r
+        return one, two, one.real * two.imag - one.imag * two.real
 
     def determinants(self, variables: FloatArray) -> FloatArray:
         """Area of each triangle on the map over its area at rest, (k,); negative where folded."""
-        return self._jacobians(variables)[4]
+        return self._columns(variables)[2]
 
     def value_and_gradient(self, variables: FloatArray, eps: float) -> tuple[float, FloatArray]:
         """The energy and its derivative by the variables, (v, 2).
 
         With eps = 0 the energy of a map with a folded triangle is infinite, and its derivative NaN.
         """
-        a, b, c, d, det = self._jacobians(variables)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        one, two, det = self._columns(variables)
+        numerator = one.real**2 + one.imag**2 + two.real**2 + two.imag**2 + LAMBDA * (det * det + 1.0)
+        if eps == 0.0:
+            if det.min() <= 0.0:
+                return np.inf, np.full(variables.shape, np.nan)
+            root = chi = det
+        else:
             root = np.sqrt(eps * eps + det * det)
             # For negative det the textbook sum loses all digits; the second form is the same number.
             chi = 0.5 * np.where(det > 0, det + root, eps * eps / (root + np.abs(det)))
-            numerator = a * a + b * b + c * c + d * d + LAMBDA * (det * det + 1.0)
-            value = float((self._weights * numerator / chi).sum())
-        if not np.isfinite(value):
-            return np.inf, np.full(variables.shape, np.nan)
-        double = 2.0 * self._weights / chi
-        slope = self._weights * (2.0 * LAMBDA * det - numerator / root) / chi
-        # Derivative by the Jacobian: double * J + slope * cofactor(J).
-        ga, gb = double * a + slope * d, double * b - slope * c
-        gc, gd = double * c - slope * b, double * d + slope * a
-        ux, vx = ga * self._p + gb * self._q, gb * self._r
-        uy, vy = gc * self._p + gd * self._q, gd * self._r
-        n = len(self._ids)
-        corner = self._corner.reshape(-1)
-        gradient = np.stack(
-            [
-                np.bincount(corner, np.concatenate([-ux - vx, ux, vx]), n),
-                np.bincount(corner, np.concatenate([-uy - vy, uy, vy]), n),
-            ],
-            axis=1,
-        )
-        return value, gradient[self._free]
+        share = self._weights / chi
+        value = float((share * numerator).sum())
+        # Derivative by the Jacobian: 2 share J + slope cofactor(J), whose columns are -i two and i one.
+        slope = 1j * (share * (2.0 * LAMBDA * det - numerator / root))
+        share *= 2.0
+        by_one, by_two = share * one - slope * two, share * two + slope * one
+        by_edge = np.concatenate([by_one * self._p + by_two * self._q, by_two * self._r])
+        return value, self._edges_transposed @ by_edge.view(np.float64).reshape(-1, 2)
 
-    def preconditioner_at_rest(self) -> Callable[[FloatArray], FloatArray]:
+    def preconditioner_at_rest(self) -> Factorisation:
         """A stand-in for the inverse of the Hessian that knows nothing of the map: the inverse of the Dirichlet
         energy of the rest shapes. For maps that are still folded."""
         base, x, height = self._rest.T
@@ -137,34 +141,42 @@ class PatchEnergy:
         corners[:, 1, 0], corners[:, 2, 0], corners[:, 2, 1] = base, x, height
         return self._inverse_dirichlet(corners, self._weights)
 
-    def preconditioner(self, variables: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    def preconditioner(self, variables: FloatArray, order: IntArray | None = None) -> Factorisation:
         """A stand-in for the inverse of the Hessian at a map without folds.
 
         A small displacement v of the map changes the energy of a triangle to second order by about
         weight tr(J^T J)/det(J) |grad v|^2, the gradient taken on the map: a Dirichlet energy there.
+
+        Parameters
+        ----------
+        order : `Factorisation.order` of an earlier preconditioner of this energy.
         """
-        a, b, c, d, det = self._jacobians(variables)
+        one, two, det = self._columns(variables)
         det = np.maximum(det, 1e-6)
         area = self._rest[:, 0] * self._rest[:, 2] * det
-        stiffness = self._weights * (a * a + b * b + c * c + d * d) / (det * area)
-        return self._inverse_dirichlet(self._position[self._corner.T], stiffness)
+        stiffness = self._weights * (np.abs(one) ** 2 + np.abs(two) ** 2) / (det * area)
+        self._flat[self.ids] = variables
+        return self._inverse_dirichlet(self._flat[self._triangles], stiffness, order)
 
-    def _inverse_dirichlet(self, corners: FloatArray, stiffness: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    def _inverse_dirichlet(
+        self, corners: FloatArray, stiffness: FloatArray, order: IntArray | None = None
+    ) -> Factorisation:
         """Solver for the Dirichlet energy of triangles (k, 3, 2), each with its own stiffness (k,)."""
-        cotangent = operators.cotangents(corners.reshape(-1, 2), np.arange(3 * len(corners)).reshape(-1, 3))
         # Obtuse triangles must not make the matrix indefinite.
-        weighted = np.maximum(cotangent, 0.05) * stiffness[:, None]
-        matrix = operators.laplacian_from_cotangents(weighted, self._corner.T, len(self._ids))
-        inner = matrix[self._free][:, self._free]
+        weighted = np.maximum(operators.corner_cotangents(corners), 0.05) * stiffness[:, None]
+        # Held points share the last row and column, which are then left out.
+        v = len(self.ids)
+        number = np.where(self._number >= 0, self._number, v)
+        inner = operators.laplacian_from_cotangents(weighted, number[self._triangles], v + 1)[:v, :v]
         # A patch without any fixed point would make the matrix singular.
-        return factorise(inner + sparse.diags(np.full(len(self._free), 1e-9 * inner.diagonal().max())))
+        return Factorisation(inner + sparse.diags(np.full(v, 1e-9 * inner.diagonal().max())), order)
 
 
 def descend(
     energy: PatchEnergy,
     variables: FloatArray,
     eps: float,
-    precondition: Callable[[FloatArray], FloatArray],
+    precondition: Factorisation,
     steps: int,
     tolerance: float = 1e-4,
 ) -> tuple[FloatArray, int]:
@@ -186,12 +198,13 @@ def descend(
     """
     value, gradient = energy.value_and_gradient(variables, eps)
     history: deque[_Pair] = deque(maxlen=_MEMORY)
+    scale = 1.0
     for step in range(steps):
-        direction = _two_loop(gradient, history, precondition)
+        direction = _two_loop(gradient, history, precondition, scale)
         slope = _dot(direction, gradient)
         if slope >= 0.0 and history:
             history.clear()
-            direction = _two_loop(gradient, history, precondition)
+            direction = _two_loop(gradient, history, precondition, scale)
             slope = _dot(direction, gradient)
         if slope >= 0.0:
             return variables, step
@@ -208,6 +221,9 @@ def descend(
         s, y = trial - variables, new_gradient - gradient
         curvature = _dot(s, y)
         if curvature > 0.0:
+            if not history:
+                # Nocedal and Wright, equation 7.20, in the metric of the preconditioner.
+                scale = curvature / _dot(y, precondition.solve(y))
             history.append(_Pair(s, y, 1.0 / curvature))
         small = value - new_value < tolerance * abs(value)
         variables, value, gradient = trial, new_value, new_gradient
@@ -229,20 +245,14 @@ class _Pair(NamedTuple):
     inverse: float
 
 
-def _two_loop(
-    gradient: FloatArray, history: deque[_Pair], precondition: Callable[[FloatArray], FloatArray]
-) -> FloatArray:
+def _two_loop(gradient: FloatArray, history: deque[_Pair], precondition: Factorisation, scale: float) -> FloatArray:
     direction = -gradient
     factors = []
     for pair in reversed(history):
         factor = pair.inverse * _dot(pair.s, direction)
         factors.append(factor)
         direction = direction - factor * pair.y
-    direction = precondition(direction)
-    if history:
-        # Nocedal and Wright, equation 7.20, in the metric of the preconditioner.
-        last = history[-1]
-        direction = direction / (last.inverse * _dot(last.y, precondition(last.y)))
+    direction = scale * precondition.solve(direction)
     for pair, factor in zip(history, reversed(factors), strict=True):
         direction = direction + (factor - pair.inverse * _dot(pair.y, direction)) * pair.s
     return direction

@@ -32,8 +32,11 @@ def lower_distortion(flat: FloatArray, surface: Surface, movable: NDArray[np.boo
         flat, surface.triangles, rest_shapes(surface.points, surface.triangles, scale), movable, areas / areas.mean()
     )
     variables = energy.start()
+    order = None
     for _ in range(ROUNDS):
-        variables, _ = descend(energy, variables, 0.0, energy.preconditioner(variables), STEPS)
+        preconditioner = energy.preconditioner(variables, order)
+        order = preconditioner.order
+        variables, _ = descend(energy, variables, 0.0, preconditioner, STEPS)
     result = flat.copy()
     result[energy.ids] = variables
     return result

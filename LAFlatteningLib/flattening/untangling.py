@@ -15,7 +15,8 @@ RINGS = (3, 6, 12, 24)
 """Rings of triangles round a fold that may move; the next number is tried where the one before is not enough."""
 MIN_DETERMINANT = 1e-3
 """The smallest share of its rest area (at the scale of the map) that a triangle of a repaired place must reach."""
-_ROUNDS = 30
+ROUNDS, STEPS = 60, 15
+"""Rounds of lowering the energy of a patch, each with its own eps, and quasi-Newton steps in each."""
 
 
 def untangle(
@@ -81,9 +82,12 @@ def untangle(
 
 def _bad(flat: FloatArray, triangles: IntArray) -> IntArray:
     """Triangles that are turned over, or so nearly that rounding decides."""
-    corner = flat[triangles]
+    area = operators.signed_areas(flat, triangles)
+    extent = np.ptp(flat, axis=0).max()
+    small = np.flatnonzero(area <= 1e-9 * extent**2)
+    corner = flat[triangles[small]]
     longest = (np.diff(corner, axis=1, append=corner[:, :1]) ** 2).sum(axis=2).max(axis=1)
-    return np.flatnonzero(operators.signed_areas(flat, triangles) <= 1e-9 * longest)
+    return small[area[small] <= 1e-9 * longest]
 
 
 def _neighbourhood(corner: sparse.csr_matrix, triangles: IntArray, rings: int) -> NDArray[np.bool_]:
@@ -103,9 +107,9 @@ def _relax(flat: FloatArray, triangles: IntArray, points: FloatArray, scale: flo
     precondition = energy.preconditioner_at_rest()
     variables = energy.start()
     lowest = float(energy.determinants(variables).min())
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         eps = float(np.sqrt(1e-9 + 0.04 * min(lowest, 0.0) ** 2))
-        variables, steps = descend(energy, variables, eps, precondition, steps=40)
+        variables, steps = descend(energy, variables, eps, precondition, STEPS)
         before, lowest = lowest, float(energy.determinants(variables).min())
         # Settled: done, or the rim of the patch is in the way and a larger patch must be tried.
         if lowest >= MIN_DETERMINANT or steps == 0 or (before < 0 and lowest < before + 1e-3 * abs(before)):

@@ -1,6 +1,6 @@
 """How long a map takes, stage by stage, how that grows, and what the textbook way takes in the same run.
 
-    make bench      or      python Testing/Benchmarks/bench_flattening.py [--sizes 5000,20000] [--repeat 3]
+make bench      or      python Testing/Benchmarks/bench_flattening.py [--sizes 5000,20000] [--repeat 3]
 """
 
 from __future__ import annotations
@@ -49,6 +49,7 @@ def textbook(flat_map: FlatMap, constraints: Constraints) -> float:
 
     matrix = system(2.0 * operators.cotangent_laplacian(surface.points, surface.triangles))
     picks = sparse.csr_matrix((np.ones(p), (np.arange(p), constraints.path_ids)), shape=(p, n))
+    # w = 1000, as in the paper.
     saddle = sparse.bmat([[1e6 * matrix.T @ matrix, picks.T], [picks, None]], format="csc")
     first = np.empty((n, 2))
     targets = np.zeros((n, 2))
@@ -103,7 +104,7 @@ def main() -> None:
         print(f"growth over all sizes: N^{slope:.2f}")
 
     size = 20000
-    print(f"\nAgainst the textbook way (saddle-point matrix, one spsolve a coordinate), {size} points, one run after another")
+    print(f"\nAgainst the textbook way (saddle-point matrix, one spsolve a coordinate), {size} points, run in turn")
     surface, seeds = cases.phantom(size)
     ratios = []
     for _ in range(options.repeat):

@@ -1,6 +1,6 @@
 """That no map folds: phantoms of many sizes, real atria, and random seeds on each; and how good the maps are.
 
-    python Testing/Benchmarks/bench_folds.py [--seeds 200] [--move 2.0]
+python Testing/Benchmarks/bench_folds.py [--seeds 200] [--move 2.0]
 """
 
 from __future__ import annotations
@@ -26,13 +26,16 @@ def moved(seeds: cases.Seeds, surface: Surface, distance: float, rng: np.random.
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=200, help="random seed sets on each real case (default: %(default)s)")
+    parser.add_argument(
+        "--seeds", type=int, default=200, help="random seed sets on each real case (default: %(default)s)"
+    )
     parser.add_argument("--move", type=float, default=2.0, help="how far each seed moves, mm (default: %(default)s)")
     options = parser.parse_args()
     atria = [(f"phantom {size}", *cases.phantom(size)) for size in (2000, 5000, 20000, 100000)]
     atria += list(cases.real())
     print(
-        f"{'atrium':<18} {'method':<9} {'folded':>6} {'overlap':>7} {'flipped':>7} {'freed':>5} {'rim err':>8} {'drift':>8} "
+        f"{'atrium':<18} {'method':<9} {'folded':>6} {'overlap':>7} {'flipped':>7} {'freed':>5} "
+        f"{'rim err':>8} {'drift':>8} "
         f"{'beta':>6} {'K med':>6} {'K p99':>6} {'K max':>7} {'entropy':>7} {'s':>6}"
     )
     for name, surface, seeds in atria:
@@ -40,8 +43,9 @@ def main() -> None:
             m = Flattener(surface, method=method).flatten(seeds).metrics
             k = m["dilatation"]
             print(
-                f"{name:<18} {method:<9} {m['folded_triangles']:>6} {m['overlapping_pairs']:>7} {m['flipped_edges']:>7} "
-                f"{m['freed_path_points']:>5} {m['rim_error']:>8.0e} {m['path_drift']:>8.0e} {m['beta']['mean']:>6.3f} "
+                f"{name:<18} {method:<9} {m['folded_triangles']:>6} {m['overlapping_pairs']:>7} "
+                f"{m['flipped_edges']:>7} {m['freed_path_points']:>5} {m['rim_error']:>8.0e} {m['path_drift']:>8.0e} "
+                f"{m['beta']['mean']:>6.3f} "
                 f"{k['median']:>6.2f} {k['p99']:>6.1f} {k['max']:>7.0f} {m['alpha']['entropy']:>7.3f} "
                 f"{m['seconds']['total']:>6.2f}",
                 flush=True,

@@ -40,9 +40,7 @@ def grid(nx: int = 6, ny: int = 5, width: float = 1.0, height: float = 1.0) -> S
     x, y = np.meshgrid(np.linspace(0, width, nx), np.linspace(0, height, ny))
     points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
     i = (np.arange(nx - 1)[None] + nx * np.arange(ny - 1)[:, None]).ravel()
-    triangles = np.concatenate(
-        [np.stack([i, i + 1, i + nx + 1], 1), np.stack([i, i + nx + 1, i + nx], 1)]
-    )
+    triangles = np.concatenate([np.stack([i, i + 1, i + nx + 1], 1), np.stack([i, i + nx + 1, i + nx], 1)])
     return Surface(points, triangles)
 
 

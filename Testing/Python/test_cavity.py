@@ -85,7 +85,9 @@ def test_too_few_openings(phantom):
     cavity = cavity_of(phantom.surface, phantom)
     part, _ = cavity.closed.submesh(np.isin(cavity.cover, [-1, 0, 1]))
     part = Surface(part.points, part.triangles)
-    with pytest.raises(SurfaceError, match=r"Expected 6 openings .* found 4 open: .*mm round.*Cut the missing ones open"):
+    with pytest.raises(
+        SurfaceError, match=r"Expected 6 openings .* found 4 open: .*mm round.*Cut the missing ones open"
+    ):
         cavity_of(part, phantom)
 
 
@@ -97,12 +99,12 @@ def test_too_many_openings(phantom):
     far = [np.linalg.norm(phantom.surface.points[rims] - c, axis=1).min() for c in centre]
     keep[np.argmax(np.where(inner, far, 0))] = False
     pierced, _ = phantom.surface.submesh(keep)
-    with pytest.raises(SurfaceError, match="found 7 open.*Close the openings that are none"):
+    with pytest.raises(SurfaceError, match=r"found 7 open.*Close the openings that are none"):
         cavity_of(pierced, phantom)
 
 
 def test_closed_surface_without_covers(phantom):
-    with pytest.raises(SurfaceError, match="found 0 open.*Cut the missing ones open"):
+    with pytest.raises(SurfaceError, match=r"found 0 open.*Cut the missing ones open"):
         cavity_of(meshes.icosphere(40.0), phantom)
 
 

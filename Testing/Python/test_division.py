@@ -111,7 +111,7 @@ def test_seed_off_the_surface(cavity, phantom):
 
 
 def test_vein_seed_at_the_valve(cavity, phantom):
-    with pytest.raises(SeedError, match="RIPV .* lies at the MV rim instead"):
+    with pytest.raises(SeedError, match=r"RIPV .* lies at the MV rim instead"):
         snap_seeds(changed(phantom, RIPV=phantom.seeds["MV2"]), cavity, LEFT_ATRIUM)
 
 
@@ -138,7 +138,7 @@ def test_ras_seeds_on_an_lps_surface(cavity, phantom):
 
 
 def test_seeds_in_metres(cavity, phantom):
-    with pytest.raises(SeedError, match="in metres.*Multiply the seeds by 1000"):
+    with pytest.raises(SeedError, match=r"in metres.*Multiply the seeds by 1000"):
         snap_seeds({label: at / 1000 for label, at in phantom.seeds.items()}, cavity, LEFT_ATRIUM)
 
 
@@ -201,15 +201,16 @@ def test_orientation_of_the_triangles_does_not_matter(phantom, phantom_map, turn
 def test_seed_paths_follow_the_known_planes(cavity, phantom):
     """A path of the phantom lies in the plane of the centre and its two seeds; an edge path zigzags about it."""
     connected = connect(cavity, phantom.seeds)
-    for name, (a, b) in LEFT_ATRIUM.paths.items():
+    for name, (a, _) in LEFT_ATRIUM.paths.items():
         ids = connected.paths[name]
         assert ids[0] == snap_seeds(phantom.seeds, cavity, LEFT_ATRIUM).ids[a]
         truth = phantom.true_paths[name]
         nearest = np.linalg.norm(cavity.closed.points[ids][:, None] - truth[None], axis=2).min(axis=1)
         assert np.median(nearest) < 3.0, name
-        assert np.linalg.norm(np.diff(cavity.closed.points[ids], axis=0), axis=1).sum() < 1.2 * np.linalg.norm(
-            np.diff(truth, axis=0), axis=1
-        ).sum()
+        assert (
+            np.linalg.norm(np.diff(cavity.closed.points[ids], axis=0), axis=1).sum()
+            < 1.2 * np.linalg.norm(np.diff(truth, axis=0), axis=1).sum()
+        )
 
 
 def test_feet_are_in_order_on_every_rim(division):
@@ -235,9 +236,7 @@ def test_paths_are_edges_and_keep_clear_of_rims_and_of_each_other(division):
 
 def test_regions_agree_with_the_known_ones(phantom):
     """Without moving feet, the regions differ from the truth by a strip along the paths only."""
-    cavity = make_cavity(
-        phantom.surface, LEFT_ATRIUM, np.array([phantom.seeds[s] for s in LEFT_ATRIUM.outer_seeds])
-    )
+    cavity = make_cavity(phantom.surface, LEFT_ATRIUM, np.array([phantom.seeds[s] for s in LEFT_ATRIUM.outer_seeds]))
     import dataclasses
 
     still = dataclasses.replace(

@@ -60,7 +60,7 @@ def test_anatomy_survives_its_dictionary():
         (lambda a: a["rims"].update(RSPV=["s4", "s5", "s1"]), "do not enclose a region"),
         (lambda a: a["regions"].update({"1": ["s1", "s2"]}), "anatomy.regions.1"),
         (lambda a: a["region_names"].pop("5"), "anatomy.region_names.5"),
-        (lambda a: a["regions"].pop("5"), "expected 5 regions"),
+        (lambda a: a["regions"].pop("5"), "cut out 5 regions"),
     ],
 )
 def test_contradictory_anatomy_is_refused_by_field(change, message):
