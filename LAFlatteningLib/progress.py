@@ -1,8 +1,10 @@
-"""Progress of long work, and the wish to stop it."""
+"""Progress of long work, the wish to stop it, and how long it took."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from .errors import Cancelled
 
@@ -19,3 +21,24 @@ def report(progress: ProgressCallback | None, share: float, text: str) -> None:
     """
     if progress is not None and progress(share, text) is False:
         raise Cancelled(text)
+
+
+class Stopwatch:
+    """Seconds spent in each stage of a piece of work."""
+
+    def __init__(self) -> None:
+        self._began = time.perf_counter()
+        self.seconds: dict[str, float] = {}
+        """stage -> seconds, and after `stop` also "total"."""
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Time what is done inside the ``with`` block."""
+        began = time.perf_counter()
+        yield
+        self.seconds[name] = time.perf_counter() - began
+
+    def stop(self) -> dict[str, float]:
+        """Note the total time since the watch was made; returns `seconds`."""
+        self.seconds["total"] = time.perf_counter() - self._began
+        return self.seconds

@@ -9,12 +9,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from .anatomy import Anatomy
-from .cavity.openings import Cavity
+from .cavity.openings import SNAP_LIMIT_MM, Cavity
 from .errors import SeedError
 from .surface import FloatArray
-
-SNAP_LIMIT_MM = 10.0
-"""A seed is never moved farther than this to reach its cover or rim."""
 
 
 @dataclass(frozen=True)

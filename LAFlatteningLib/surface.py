@@ -303,14 +303,17 @@ class Surface:
         )
 
     def to_polydata(self) -> vtkPolyData:
-        """A vtkPolyData with the same points, triangles and arrays; numeric arrays are shared, not copied."""
+        """A vtkPolyData with the same points, triangles and arrays; points and numeric arrays are shared, not
+        copied."""
         polydata = vtkPolyData()
         points = vtkPoints()
         points.SetData(numpy_to_vtk(self.points))
         polydata.SetPoints(points)
         cells = vtkCellArray()
         offsets = np.arange(0, 3 * len(self.triangles) + 1, 3, dtype=np.int64)
-        cells.SetData(numpy_to_vtkIdTypeArray(offsets, deep=True), numpy_to_vtkIdTypeArray(self.triangles.reshape(-1)))
+        cells.SetData(
+            numpy_to_vtkIdTypeArray(offsets, deep=True), numpy_to_vtkIdTypeArray(self.triangles.reshape(-1), deep=True)
+        )
         polydata.SetPolys(cells)
         _arrays_to_vtk(self.point_data, polydata.GetPointData())
         _arrays_to_vtk(self.cell_data, polydata.GetCellData())

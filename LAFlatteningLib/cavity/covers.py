@@ -7,35 +7,26 @@ Pfeifle and Seidel), and the new points are faired. Written from the paper's des
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
-from .. import operators, topology
+from .. import topology
 from ..errors import LAFlatteningError, SurfaceError
 from ..surface import Surface
+from .fairing import fair_membrane, fair_thin_plate, harmonic_weights, solve_held
+from .least_area import minimum_area_triangulation
+from .patches import Patches, contains
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 Fairing = Literal["membrane", "thin-plate"]
-
-EXACT_LIMIT = 250
-"""Rims of up to this many points get the least area exactly; longer ones are first cut into such pieces."""
-COARSE_POINTS = 120
-"""Points of a longer rim that decide where it is cut."""
-ALPHA = np.sqrt(2.0)
-"""Liepa's density: a triangle is split while its corners are farther than sigma / ALPHA from its centroid."""
-FAIRING_SOLVES = 8
-"""At most so many solves for a membrane, each with the weights of the last shape."""
-FAIRING_TOLERANCE = 1e-3
-"""A membrane is done when a solve lowers its area by less than this share."""
 
 
 def cover_rim(
@@ -190,7 +181,7 @@ def _cover(
     joined = joined[(joined >= 0).all(axis=1)]
     joined = joined[rim_of_outline[joined[:, 0]] == rim_of_outline[joined[:, 1]]]
 
-    patches = _Patches(points[outline], sigma, rim_of_outline, joined)
+    patches = Patches(points[outline], sigma, rim_of_outline, joined)
     for number, (first, last) in enumerate(pairwise(start)):
         corners = points[outline[first:last]]
         pairs = joined[(joined[:, 0] >= first) & (joined[:, 0] < last)] - first
@@ -209,9 +200,9 @@ def _cover(
     patches.unfold()
     patches.refine()
     patches.ensure_inner_points()
-    _fair_membrane(patches)
+    fair_membrane(patches)
     if around is not None and fairing == "thin-plate":
-        _fair_thin_plate(patches, points, outline, around)
+        fair_thin_plate(patches, points, outline, around)
 
     fixed = len(outline)
     order = np.argsort(patches.rim_of_point[fixed:], kind="stable")
@@ -266,8 +257,8 @@ def _check_loops(around: IntArray, rims: Sequence[IntArray], names: Sequence[str
     keys = np.sort(half[:, 0] * n + half[:, 1])
     for rim, name in zip(rims, names, strict=True):
         following = np.roll(rim, -1)
-        forward = _contains(keys, rim * n + following)
-        backward = _contains(keys, following * n + rim)
+        forward = contains(keys, rim * n + following)
+        backward = contains(keys, following * n + rim)
         if backward.all() and not forward.any():
             raise SurfaceError(
                 f"{name} runs the wrong way: expected the surface on the left of the loop, as in "
@@ -282,14 +273,6 @@ def _check_loops(around: IntArray, rims: Sequence[IntArray], names: Sequence[str
                 f"are not boundary edges (from point {rim[k]} to {following[k]} there is {found}). "
                 "Take it from Surface.boundary_loops of the same surface."
             )
-
-
-def _contains(ordered: IntArray, values: IntArray) -> BoolArray:
-    """Which values are in a sorted array."""
-    if len(ordered) == 0:
-        return np.zeros(values.shape, bool)
-    place = np.minimum(np.searchsorted(ordered, values), len(ordered) - 1)
-    return ordered[place] == values
 
 
 def _edges_around(points: FloatArray, rims: Sequence[IntArray], around: IntArray | None) -> tuple[IntArray, FloatArray]:
@@ -307,456 +290,6 @@ def _mean_at_points(ends: IntArray, length: FloatArray, n: int) -> FloatArray:
     counted = flat >= 0
     total = np.bincount(flat[counted], weight[counted], minlength=n)
     return total / np.bincount(flat[counted], minlength=n)
-
-
-# ---- minimum area ---------------------------------------------------------------------------------------------------
-
-
-def minimum_area_triangulation(corners: FloatArray, taken: BoolArray | None = None) -> IntArray | None:
-    """Triangulate a closed polygon in space, without new points, with the least total area.
-
-    Parameters
-    ----------
-    corners : (n, 3) in order, n >= 3; the polygon need be neither flat nor convex.
-    taken : (n, n) symmetric, pairs of corners that no triangle may join.
-
-    Returns
-    -------
-    (n - 2, 3) triangles that turn with the polygon, or None if the taken pairs leave no triangulation.
-    Exact up to `EXACT_LIMIT` corners: dynamic programming over chains of corners, O(n^3). Equal areas (every
-    triangulation of a flat convex polygon) are decided by the least sum of squared diagonals. A longer polygon is
-    cut along the most central triangle of the solution for `COARSE_POINTS` of its corners, and the three parts are
-    solved by themselves.
-
-    Source: Barequet and Sharir 1995; Liepa 2003.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> arrow = np.array([[0.0, 0, 0], [2, 1, 0], [0, 2, 0], [1, 1, 0]])
-    >>> minimum_area_triangulation(arrow).tolist()
-    [[0, 1, 3], [1, 2, 3]]
-    """
-    n = len(corners)
-    if taken is None:
-        taken = np.zeros((n, n), bool)
-    pieces, found = [np.arange(n)], []
-    while pieces:
-        piece = pieces.pop()
-        if len(piece) <= EXACT_LIMIT:
-            triangles = _least_area(corners[piece], taken[np.ix_(piece, piece)])
-            if triangles is None:
-                return None
-            found.append(piece[triangles])
-            continue
-        chosen = np.unique(np.linspace(0, len(piece) - 1, COARSE_POINTS).astype(np.int64))
-        sample = piece[chosen]
-        triangles = _least_area(corners[sample], taken[np.ix_(sample, sample)])
-        if triangles is None:
-            return None
-        # The triangle that leaves the smallest largest part.
-        i, k, j = chosen[triangles].T
-        balance = np.maximum(np.maximum(k - i, j - k), len(piece) - (j - i))
-        cut = int(balance.argmin())
-        i, k, j = int(i[cut]), int(k[cut]), int(j[cut])
-        found.append(piece[[[i, k, j]]])
-        parts = [piece[i : k + 1], piece[k : j + 1], np.concatenate([piece[j:], piece[: i + 1]])]
-        pieces.extend(part for part in parts if len(part) > 2)
-    return np.concatenate(found)
-
-
-def _least_area(corners: FloatArray, taken: BoolArray) -> IntArray | None:
-    n = len(corners)
-    centred = corners - corners.mean(axis=0)
-    step = np.arange(n)
-    # A chain of corners is known by its span (number of edges) and its first or its last corner. With one table each
-    # way, [span, first] and [span, last], all chains of one span and all their splits are plain slices.
-    ahead, behind = (step[None, :] + step[:, None]) % n, (step[None, :] - step[:, None]) % n
-    moment = np.moveaxis(np.cross(centred[None, :], centred[ahead]), 2, 0).copy()
-    moment_behind = np.moveaxis(np.cross(centred[behind], centred[None, :]), 2, 0).copy()
-    squared = ((centred[None, :] - centred[ahead]) ** 2).sum(axis=2)
-    free = ~taken[step[None, :], ahead]
-    area = np.full((n, n), np.inf)
-    area[1] = np.where(free[1], 0.0, np.inf)
-    area_behind = area.copy()
-    area_behind[1] = np.roll(area[1], 1)
-    diagonals, diagonals_behind = np.zeros((n, n)), np.zeros((n, n))
-    split = np.zeros((n, n), np.int64)
-    tie = 1e-10 * max(float((centred**2).sum(axis=1).max()), np.finfo(float).tiny)
-    for span in range(2, n):
-        count = n - span
-        # Triangle (first, split, last): twice its area vector is the sum of the moments of its sides.
-        vector = (
-            moment[:, 1:span, :count] + moment_behind[:, span - 1 : 0 : -1, span:] - moment[:, span, :count][:, None]
-        )
-        total = 0.5 * np.sqrt((vector**2).sum(axis=0))
-        total += area[1:span, :count] + area_behind[span - 1 : 0 : -1, span:]
-        shorter = diagonals[1:span, :count] + diagonals_behind[span - 1 : 0 : -1, span:]
-        shorter[total > total.min(axis=0) + tie] = np.inf
-        best = shorter.argmin(axis=0)
-        column = step[:count]
-        area[span, :count] = np.where(free[span, :count] | (count == 1), total[best, column], np.inf)
-        diagonals[span, :count] = shorter[best, column] + squared[span, :count]
-        split[span, :count] = best + 1
-        area_behind[span, span:] = area[span, :count]
-        diagonals_behind[span, span:] = diagonals[span, :count]
-    if not np.isfinite(area[n - 1, 0]):
-        return None
-    triangles, chains = [], [(0, n - 1)]
-    while chains:
-        first, last = chains.pop()
-        if last - first > 1:
-            middle = first + int(split[last - first, first])
-            triangles.append((first, middle, last))
-            chains += [(first, middle), (middle, last)]
-    return np.array(triangles, np.int64)
-
-
-# ---- refinement -----------------------------------------------------------------------------------------------------
-
-
-class _Patches:
-    """Triangles with their neighbours, as splits and flips change them.
-
-    ``twin[t, k]`` is the slot (3 * triangle + corner) of the same edge in the neighbour across the edge opposite
-    corner k of triangle t; -1 on a rim. Many splits or flips that do not touch the same triangle are done at once.
-    """
-
-    def __init__(self, points: FloatArray, sigma: FloatArray, rim_of_point: IntArray, joined: IntArray) -> None:
-        self.points = points
-        self.sigma = sigma
-        self.rim_of_point = rim_of_point
-        self.fixed = len(points)
-        self.joined = joined
-        """(e, 2) pairs of rim points that an edge of the surface joins."""
-        self.triangles = np.zeros((0, 3), np.int64)
-        self.twin = np.zeros((0, 3), np.int64)
-        self.rim_of_triangle = np.zeros(0, np.int64)
-        self.changed = np.zeros(0, bool)
-        """(t,) triangles whose edges are to be looked at by `relax`."""
-
-    def add_points(self, points: FloatArray, sigma: FloatArray, rim: IntArray) -> IntArray:
-        """Append points; returns their ids."""
-        ids = len(self.points) + np.arange(len(points))
-        self.points = np.concatenate([self.points, points])
-        self.sigma = np.concatenate([self.sigma, sigma])
-        self.rim_of_point = np.concatenate([self.rim_of_point, rim])
-        return ids
-
-    def add_triangles(self, triangles: IntArray, rim: int) -> None:
-        """Append triangles, without neighbours until `join`."""
-        self.triangles = np.concatenate([self.triangles, triangles])
-        self.rim_of_triangle = np.concatenate([self.rim_of_triangle, np.full(len(triangles), rim)])
-
-    def join(self) -> None:
-        """Find the neighbours."""
-        n, t = len(self.points), len(self.triangles)
-        half = topology.half_edges(self.triangles)
-        slot = (3 * np.arange(t)[None, :] + np.arange(3)[:, None]).reshape(-1)
-        keys = half[:, 0] * n + half[:, 1]
-        order = np.argsort(keys)
-        reverse = half[:, 1] * n + half[:, 0]
-        place = np.minimum(np.searchsorted(keys[order], reverse), len(keys) - 1)
-        twin = np.full(3 * t, -1, np.int64)
-        twin[slot] = np.where(keys[order[place]] == reverse, slot[order[place]], -1)
-        self.twin = twin.reshape(t, 3)
-        self.changed = np.ones(t, bool)
-
-    def _move_slots(self, old: IntArray, new: IntArray) -> None:
-        """Let edges that were in slots `old` be in slots `new`, on both their sides."""
-        twin = self.twin.reshape(-1)
-        place = np.arange(len(twin))
-        place[old] = new
-        other = twin[old]
-        other = np.where(other >= 0, place[other], -1)
-        twin[new] = other
-        inner = other >= 0
-        twin[other[inner]] = new[inner]
-
-    def split(self, which: IntArray, centres: FloatArray) -> None:
-        """Replace triangles by three each, round new points."""
-        a, b, c = self.triangles[which].T
-        x = self.add_points(centres, self.sigma[self.triangles[which]].mean(axis=1), self.rim_of_triangle[which])
-        second = len(self.triangles) + np.arange(len(which))
-        third = second + len(which)
-        self.triangles[which] = np.stack([x, b, c], axis=1)
-        self.triangles = np.concatenate([self.triangles, np.stack([a, x, c], axis=1), np.stack([a, b, x], axis=1)])
-        self.rim_of_triangle = np.concatenate([self.rim_of_triangle, np.tile(self.rim_of_triangle[which], 2)])
-        self.twin = np.concatenate([self.twin, np.full((2 * len(which), 3), -1, np.int64)])
-        self.changed = np.concatenate([self.changed, np.ones(2 * len(which), bool)])
-        self.changed[which] = True
-        self._move_slots(
-            np.concatenate([3 * which + 1, 3 * which + 2]), np.concatenate([3 * second + 1, 3 * third + 2])
-        )
-        twin = self.twin.reshape(-1)
-        sides = [(3 * which + 1, 3 * second), (3 * which + 2, 3 * third), (3 * second + 2, 3 * third + 1)]
-        for left, right in sides:
-            twin[left], twin[right] = right, left
-
-    def unfold(self) -> None:
-        """Flip edges across which the patch turns back on itself, as at a tooth of a jagged rim, where that helps.
-
-        The best flip first, one at a time: each lowers the sum of turns beyond a right angle, so this ends.
-        """
-        corner = self.points[self.triangles]
-        normal = _unit(_cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]))
-        slots = np.flatnonzero(self.twin.reshape(-1) >= 0)
-        folded = slots[(normal[slots // 3] * normal[self.twin.reshape(-1)[slots] // 3]).sum(axis=1) < 0]
-        if len(folded):
-            self.changed[folded // 3] = True
-            self._flip_edges(self._unfolding, alone=True)
-
-    def relax(self) -> None:
-        """Flip edges until none is worth it: Liepa's edge relaxation, a Delaunay criterion for patches in space.
-
-        A flip must lower the sum of the cotangents of all angles. In the plane that is the Delaunay criterion
-        (Musin 1997); in space it ends for certain, as the sum falls each time. It must not fold the patch, nor make
-        an edge that the patch or the surface has already.
-        """
-        self._flip_edges(self._gains)
-
-    def _flip_edges(
-        self, worth: Callable[[IntArray, IntArray], tuple[FloatArray, IntArray]], alone: bool = False
-    ) -> None:
-        waiting = np.zeros(0, np.int64)
-        while True:
-            twin = self.twin.reshape(-1)
-            asked = np.repeat(self.changed, 3)
-            asked[waiting] = True
-            slots = np.flatnonzero(asked & (twin >= 0))
-            # Each edge once, by the smaller of its two slots.
-            asked[:] = False
-            asked[np.minimum(slots, twin[slots])] = True
-            slots = np.flatnonzero(asked)
-            self.changed[:] = False
-            gain, ends = worth(slots, twin[slots])
-            slots, gain, ends = slots[gain > 0], gain[gain > 0], ends[gain > 0]
-            free = ~self._exists(ends)
-            a, b = slots // 3, twin[slots] // 3
-            # Each triangle takes part in the flip that gains most for it, if the other triangle agrees.
-            by_gain = np.flatnonzero(free)[np.argsort(gain[free], kind="stable")]
-            wish = np.full(len(self.triangles), -1, np.int64)
-            wish[np.stack([a[by_gain], b[by_gain]], axis=1).reshape(-1)] = np.repeat(by_gain, 2)
-            number = np.arange(len(slots))
-            agreed = np.flatnonzero((wish[a] == number) & (wish[b] == number))
-            # Two flips may not make the same edge.
-            agreed = agreed[np.unique(ends[agreed], axis=0, return_index=True)[1]]
-            if len(agreed) == 0:
-                return
-            if alone:
-                agreed = agreed[[int(gain[agreed].argmax())]]
-            self._flip(slots[agreed], twin[slots[agreed]])
-            waiting = slots[~(self.changed[a] | self.changed[b])]
-
-    def _exists(self, ends: IntArray) -> BoolArray:
-        """Whether an edge joins these pairs (c, 2), smaller id first, in the patches or in the surface."""
-        n = len(self.points)
-        asked = np.zeros(n, bool)
-        asked[ends[:, 0]] = True
-        near = np.sort(topology.half_edges(self.triangles[asked[self.triangles].any(axis=1)]), axis=1)
-        near = np.concatenate([near, np.sort(self.joined, axis=1)])
-        return _contains(np.sort(near[:, 0] * n + near[:, 1]), ends[:, 0] * n + ends[:, 1])
-
-    def _quadrilaterals(self, slots: IntArray, twins: IntArray) -> IntArray:
-        """(4, c) corners p, q, s, r of the triangles (p, q, r) and (s, r, q) on edges that are opposite p and s."""
-        a, i = np.divmod(slots, 3)
-        b, j = np.divmod(twins, 3)
-        p, q, r = (self.triangles[a, (i + k) % 3] for k in range(3))
-        return np.stack([p, q, self.triangles[b, j], r])
-
-    def _gains(self, slots: IntArray, twins: IntArray) -> tuple[FloatArray, IntArray]:
-        """What flipping each edge takes off the sum of cotangents (0 where it may not be flipped), and its new ends."""
-        ids = self._quadrilaterals(slots, twins)
-        corner = self.points[ids]
-        side = ((np.roll(corner, -1, axis=0) - corner) ** 2).sum(axis=2)  # pq, qs, sr, rp
-        now, then = ((corner[[1, 0]] - corner[[3, 2]]) ** 2).sum(axis=2)
-        pqr, srq, pqs, srp = _area_vectors_of_flip(corner)
-        before = _shape(side[0] + side[3] + now, pqr) + _shape(side[1] + side[2] + now, srq)
-        after = _shape(side[0] + side[1] + then, pqs) + _shape(side[2] + side[3] + then, srp)
-        gain = before * (1.0 - 1e-9) - after
-        # Both pairs of triangles have the same sum of area vectors; a new triangle against it would be folded over.
-        total = pqr + srq
-        gain[((pqs * total).sum(axis=1) <= 0) | ((srp * total).sum(axis=1) <= 0)] = 0.0
-        return gain, np.sort(ids[[0, 2]].T, axis=1)
-
-    def _unfolding(self, slots: IntArray, twins: IntArray) -> tuple[FloatArray, IntArray]:
-        """As `_gains`, for the turns beyond a right angle across each edge and the four round it."""
-        ids = self._quadrilaterals(slots, twins)
-        pqr, srq, pqs, srp = (_unit(vector) for vector in _area_vectors_of_flip(self.points[ids]))
-        gain = _turn(pqr, srq) - _turn(pqs, srp)
-        a, i = np.divmod(slots, 3)
-        b, j = np.divmod(twins, 3)
-        flat = self.twin.reshape(-1)
-        # Sides rp, pq of the one triangle and qs, sr of the other, and the new triangles that they will belong to.
-        for outer, old, new in [
-            (flat[3 * a + (i + 1) % 3], pqr, srp),
-            (flat[3 * a + (i + 2) % 3], pqr, pqs),
-            (flat[3 * b + (j + 1) % 3], srq, pqs),
-            (flat[3 * b + (j + 2) % 3], srq, srp),
-        ]:
-            corner = self.points[self.triangles[outer // 3]]
-            beyond = _unit(_cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]))
-            gain += np.where(outer >= 0, _turn(old, beyond) - _turn(new, beyond), 0.0)
-        return np.where(gain > 1e-6, gain, 0.0), np.sort(ids[[0, 2]].T, axis=1)
-
-    def _flip(self, slots: IntArray, twins: IntArray) -> None:
-        """Replace (p, q, r), (s, r, q) by (p, q, s), (s, r, p), no triangle in more than one such pair."""
-        p, q, s, r = self._quadrilaterals(slots, twins)
-        a, i = np.divmod(slots, 3)
-        b, j = np.divmod(twins, 3)
-        old = [3 * a + (i + 1) % 3, 3 * a + (i + 2) % 3, 3 * b + (j + 1) % 3, 3 * b + (j + 2) % 3]
-        new = [3 * b, 3 * a + 2, 3 * a, 3 * b + 2]
-        self._move_slots(np.concatenate(old), np.concatenate(new))
-        self.triangles[a] = np.stack([p, q, s], axis=1)
-        self.triangles[b] = np.stack([s, r, p], axis=1)
-        twin = self.twin.reshape(-1)
-        twin[3 * a + 1], twin[3 * b + 1] = 3 * b + 1, 3 * a + 1
-        self.changed[a] = self.changed[b] = True
-
-    def refine(self) -> None:
-        """Split triangles at their centroid while they are large for the edge length round them, and relax."""
-        while True:
-            corner, sigma = self.points[self.triangles], self.sigma[self.triangles]
-            centre = corner.mean(axis=1)
-            reach = ALPHA * np.linalg.norm(corner - centre[:, None], axis=2)
-            large = (reach > np.maximum(sigma, sigma.mean(axis=1, keepdims=True))).all(axis=1)
-            if not large.any():
-                return
-            self.split(np.flatnonzero(large), centre[large])
-            self.relax()
-            self.unfold()
-
-    def areas(self) -> FloatArray:
-        """Area of the patch of each rim."""
-        area = operators.triangle_areas(self.points, self.triangles)
-        return np.bincount(self.rim_of_triangle, area).astype(np.float64)
-
-    def ensure_inner_points(self) -> None:
-        """Give a patch without inner points one, at the middle of its longest inner edge."""
-        rims = self.rim_of_triangle.max() + 1
-        empty = np.bincount(self.rim_of_point[self.fixed :], minlength=rims) == 0
-        which, centres = [], []
-        for rim in np.flatnonzero(empty):
-            own = np.flatnonzero(self.rim_of_triangle == rim)
-            corner = self.points[self.triangles[own]]
-            length = np.linalg.norm(np.roll(corner, -1, axis=1) - np.roll(corner, -2, axis=1), axis=2)
-            length[self.twin[own] < 0] = -1.0
-            t, k = np.unravel_index(length.argmax(), length.shape)
-            which.append(own[t])
-            # A triangle split at the middle of its side leaves one without area, which `relax` flips away.
-            centres.append(corner[t, [k - 2, k - 1]].mean(axis=0) if length[t, k] >= 0 else corner[t].mean(axis=0))
-        if which:
-            self.split(np.array(which), np.array(centres))
-            self.relax()
-
-
-def _cross(u: FloatArray, v: FloatArray) -> FloatArray:
-    # Written out: several times faster than np.cross on short arrays.
-    return np.stack([u[:, k - 2] * v[:, k - 1] - u[:, k - 1] * v[:, k - 2] for k in range(3)], axis=1)
-
-
-def _area_vectors_of_flip(corner: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Twice the area vectors of (p, q, r), (s, r, q), and of (p, q, s), (s, r, p); `corner` (4, c, 3) is p, q, s, r."""
-    p, q, s, r = corner
-    return _cross(q - p, r - p), _cross(r - s, q - s), _cross(q - p, s - p), _cross(r - s, p - s)
-
-
-def _unit(vectors: FloatArray) -> FloatArray:
-    length = np.sqrt((vectors**2).sum(axis=1, keepdims=True))
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
-
-
-def _turn(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Turn beyond a right angle between unit normals: 0, up to 1 where they are opposite."""
-    return np.maximum(-(a * b).sum(axis=1), 0.0)
-
-
-def _shape(squared_sides: FloatArray, twice_area: FloatArray) -> FloatArray:
-    """Sum of squared sides over twice the area: twice the sum of cotangents; large but finite without area."""
-    tiny = np.finfo(float).tiny
-    return squared_sides / np.maximum(np.sqrt((twice_area**2).sum(axis=1)), 1e-10 * squared_sides + tiny)
-
-
-# ---- fairing --------------------------------------------------------------------------------------------------------
-
-
-def _harmonic(points: FloatArray, triangles: IntArray, uniform: bool = False) -> sparse.csr_matrix:
-    """(n, n) Laplacian with weights that are positive, so that harmonic values lie between those given.
-
-    Cotangent weights, with negative ones (few after `relax`) raised to almost 0; or 1 for each edge.
-    """
-    n = len(points)
-    i, j = triangles[:, [1, 2, 0]].reshape(-1), triangles[:, [2, 0, 1]].reshape(-1)
-    half = 0.5 * operators.cotangents(points, triangles).reshape(-1)
-    weight = sparse.coo_matrix(
-        (np.concatenate([half, half]), (np.concatenate([i, j]), np.concatenate([j, i]))), shape=(n, n)
-    ).tocsr()
-    weight.data = np.ones_like(weight.data) if uniform else np.clip(weight.data, 1e-6, 1e6)
-    return (sparse.diags(np.asarray(weight.sum(axis=1)).ravel()) - weight).tocsr()
-
-
-def _solve(matrix: sparse.csr_matrix, unknown: BoolArray, values: FloatArray) -> FloatArray:
-    """Values (n, c) with those of the unknown rows replaced so that these rows of matrix @ values are 0."""
-    rows = matrix[unknown]
-    system = splu(
-        rows[:, unknown].tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0, options={"SymmetricMode": True}
-    )
-    result = values.copy()
-    result[unknown] = system.solve(-(rows[:, ~unknown] @ values[~unknown]))
-    return result
-
-
-def _fair_membrane(patches: _Patches) -> None:
-    """Move inner points to where the cotangent Laplacian of their coordinates is 0: a surface of least area.
-
-    The first solve has equal weights, which evens out the points and pulls apart what a jagged rim has pushed
-    together; the others have the weights of the last shape. A patch is done when its area has stopped falling.
-    """
-    inner = np.arange(len(patches.points)) >= patches.fixed
-    area = patches.areas()
-    moving = np.ones(len(area), bool)
-    for solve in range(FAIRING_SOLVES):
-        matrix = _harmonic(patches.points, patches.triangles, uniform=solve == 0)
-        patches.points = _solve(matrix, inner & moving[patches.rim_of_point], patches.points)
-        patches.changed = moving[patches.rim_of_triangle]
-        patches.relax()
-        patches.unfold()
-        before, area = area, patches.areas()
-        if solve > 0:
-            moving &= area < (1.0 - FAIRING_TOLERANCE) * before
-        if not moving.any():
-            return
-
-
-def _fair_thin_plate(patches: _Patches, points: FloatArray, outline: IntArray, around: IntArray) -> None:
-    """Move inner points to minimise the squared Laplacian, over cover and rim, with the surface round it held still.
-
-    One linear solve with the weights of the membrane, as in the paper: with weights that follow the shape, a
-    cover on a tube would grow into a balloon.
-    """
-    n = len(points)
-    inner_ids = np.arange(len(patches.points) - patches.fixed) + n
-    ids = np.concatenate([outline, inner_ids])
-    triangles = np.concatenate([around, ids[patches.triangles]])
-    used, compact = np.unique(triangles, return_inverse=True)
-    triangles = compact.reshape(-1, 3)
-    place = np.concatenate([points, patches.points[patches.fixed :]])[used]
-    laplacian = operators.cotangent_laplacian(place, triangles)
-    mass = operators.lumped_mass(place, triangles)
-    rows = np.zeros(n + len(inner_ids), bool)
-    rows[ids] = True
-    counted = rows[used]
-    # Triangles without area (coincident rim points) may leave a point without mass.
-    mass = np.maximum(mass[counted], 1e-6 * mass[counted].mean())
-    root = sparse.diags(1.0 / np.sqrt(mass)) @ laplacian[counted]
-    faired = _solve((root.T @ root).tocsr(), used >= n, place)
-    patches.points = np.concatenate([patches.points[: patches.fixed], faired[used >= n]])
-    patches.changed[:] = True
-    patches.relax()
-    patches.unfold()
-
-
-# ---- arrays ---------------------------------------------------------------------------------------------------------
 
 
 def _neutral(values: NDArray, count: int) -> NDArray:
@@ -783,7 +316,7 @@ def _continue_on_covers(surface: Surface, rims: Sequence[IntArray], covers: _Cov
     table = np.full((len(used), sum(column.shape[1] for column in columns)), np.nan)
     if columns:
         table[~inner] = np.concatenate(columns, axis=1)
-        _spread(table, np.isfinite(table), _harmonic(points, compact.reshape(-1, 3)), rim_of[used])
+        _spread(table, np.isfinite(table), harmonic_weights(points, compact.reshape(-1, 3)), rim_of[used])
 
     result, first = {}, 0
     for name, values in surface.point_data.items():
@@ -804,4 +337,4 @@ def _spread(table: FloatArray, known: BoolArray, matrix: sparse.csr_matrix, rim_
         reached = unknown | pattern
         if unknown.any():
             part = np.ix_(reached, alike)
-            table[part] = _solve(matrix[reached][:, reached], unknown[reached], table[part])
+            table[part] = solve_held(matrix[reached][:, reached], unknown[reached], table[part])

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import topology
 from ..anatomy import Anatomy
@@ -17,6 +17,9 @@ HOLE_ARRAY = "hole"
 """Point array that marks the inner points of covers with 1."""
 POINT_ID_ARRAY = "surface_point_id"
 """Point array of the cavity: id of the point in the surface that was given."""
+
+SNAP_LIMIT_MM = 10.0
+"""A seed is never moved farther than this to reach its cover or rim."""
 
 SIZE_LIMITS_MM = (20.0, 1000.0)
 """Plausible diagonal of the bounding box of a heart chamber."""
@@ -143,7 +146,7 @@ def make_cavity(surface: Surface, anatomy: Anatomy, outer_points: FloatArray) ->
                 else "Close the openings that are none, or mark them as covered."
             )
         )
-    outer = _nearest_loop(surface, open_loops, outer_points)
+    outer = nearest_rim(surface, open_loops, outer_points)
     to_close = [loop for k, loop in enumerate(open_loops) if k != outer]
     if to_close:
         closed, added = close_rims(surface, to_close)
@@ -176,7 +179,7 @@ def _marked_covers(surface: Surface) -> IntArray:
     if HOLE_ARRAY not in surface.point_data:
         return none
     at_points = np.asarray(surface.point_data[HOLE_ARRAY]).reshape(len(surface.points), -1)[:, 0] > 0.5
-    marked: NDArray[np.bool_] = at_points[surface.triangles].any(axis=1)
+    marked = np.any(at_points[surface.triangles], axis=1)
     if not marked.any():
         return none
     if marked.all():
@@ -188,11 +191,14 @@ def _marked_covers(surface: Surface) -> IntArray:
     return none
 
 
-def _nearest_loop(surface: Surface, loops: list[IntArray], points: FloatArray) -> int:
-    """The rim to which the points are closest on average (median distance)."""
+def nearest_rim(surface: Surface, loops: Sequence[IntArray], points: FloatArray) -> int:
+    """Number of the rim to which points (k, 3) are closest (median distance); of the longest one if they are near
+    none, as when they are in other axes."""
     distance = [
         np.median(np.linalg.norm(surface.points[loop][None] - points[:, None], axis=2).min(axis=1)) for loop in loops
     ]
+    if min(distance) > SNAP_LIMIT_MM:
+        return int(np.argmax([surface.loop_length(loop) for loop in loops]))
     return int(np.argmin(distance))
 
 

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from .. import operators
+from ..solvers import Factorisation
 from ..surface import FloatArray, IntArray
-from .solvers import Factorisation
 
 ComplexArray = NDArray[np.complex128]
 

@@ -2,29 +2,26 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from .. import operators
-from ..cavity.openings import Cavity, make_cavity
+from ..cavity.openings import Cavity, make_cavity, nearest_rim
 from ..constraints import Constraints, constraints_by_count, constraints_by_length
 from ..distortion import folded_triangles
 from ..division import connect_seeds, divide, divide_as_published, label_regions
-from ..errors import FoldError
-from ..progress import ProgressCallback, report
+from ..progress import ProgressCallback, Stopwatch, report
 from ..seeds import check_labels, snap_seeds
+from ..solvers import harmonic, published_least_squares
 from ..subcontours import ROUNDINGS
 from ..surface import FloatArray, IntArray, Surface
 from ..template import DEFAULT_TEMPLATE, Template
 from .chords import flip_chords
 from .flat_map import FlatMap
 from .refinement import lower_distortion
-from .solvers import harmonic, published_least_squares
-from .untangling import untangle
+from .untangling import fold_error, untangle
 
 METHODS = ("regional", "paper")
 """``regional``: lengths, hard rims and paths, never a fold. ``paper``: the published equations."""
@@ -67,7 +64,6 @@ class Flattener:
         self.method = method
         self.rounding = rounding
         self._prepared: tuple[Cavity, Surface, int] | None = None
-        self._seconds: dict[str, float] = {}
 
     def flatten(self, seeds: Mapping[str, FloatArray], progress: ProgressCallback | None = None) -> FlatMap:
         """The map for these seeds.
@@ -83,15 +79,14 @@ class Flattener:
         FoldError : method "regional" only: folds that could not be undone, saying where.
         Cancelled : by `progress`.
         """
-        self._seconds = {}
-        began = time.perf_counter()
+        watch = Stopwatch()
         anatomy = self.template.anatomy
         report(progress, 0.0, "Checking and covering the openings")
-        with self._timed("cavity"):
+        with watch.stage("cavity"):
             seeds = check_labels(seeds, anatomy)
             cavity, surface, flipped = self._prepare(np.array([seeds[label] for label in anatomy.outer_seeds]))
         report(progress, 0.15, "Dividing the surface into regions")
-        with self._timed("division"):
+        with watch.stage("division"):
             snapped = snap_seeds(seeds, cavity, anatomy)
             if self.method == "paper":
                 division = divide_as_published(cavity, snapped, self.template, self.rounding)
@@ -102,11 +97,10 @@ class Flattener:
             regions = label_regions(division, anatomy)
         freed = np.zeros(0, np.int64)
         if self.method == "paper":
-            flat = self._solve_as_published(surface, constraints, progress)
+            flat = self._solve_as_published(surface, constraints, watch, progress)
         else:
-            flat, freed = self._solve(surface, constraints, progress)
+            flat, freed = self._solve(surface, constraints, watch, progress)
         report(progress, 1.0, "Done")
-        self._seconds["total"] = time.perf_counter() - began
         return FlatMap(
             flat,
             surface,
@@ -120,25 +114,14 @@ class Flattener:
             self.rounding if self.method == "paper" else None,
             flipped,
             freed,
-            self._seconds,
+            watch.stop(),
         )
-
-    @contextmanager
-    def _timed(self, stage: str) -> Iterator[None]:
-        began = time.perf_counter()
-        yield
-        self._seconds[stage] = time.perf_counter() - began
 
     def _prepare(self, outer_points: FloatArray) -> tuple[Cavity, Surface, int]:
         """The cavity, its surface as it is flattened, and the number of edges flipped for that."""
         if self._prepared is not None:
             cavity = self._prepared[0]
-            rims = (*cavity.rims, cavity.outer)
-            nearest = [
-                np.median(np.linalg.norm(cavity.surface.points[rim][None] - outer_points[:, None], axis=2).min(axis=1))
-                for rim in rims
-            ]
-            if int(np.argmin(nearest)) == len(rims) - 1:
+            if nearest_rim(cavity.surface, [*cavity.rims, cavity.outer], outer_points) == len(cavity.rims):
                 return self._prepared
         cavity = make_cavity(self.surface, self.template.anatomy, outer_points)
         surface, flipped = cavity.surface, 0
@@ -148,10 +131,10 @@ class Flattener:
         return self._prepared
 
     def _solve_as_published(
-        self, surface: Surface, constraints: Constraints, progress: ProgressCallback | None
+        self, surface: Surface, constraints: Constraints, watch: Stopwatch, progress: ProgressCallback | None
     ) -> FloatArray:
         report(progress, 0.3, "Flattening")
-        with self._timed("solve"):
+        with watch.stage("solve"):
             # The published matrix has no factor 1/2 in its off-diagonal entries.
             first = published_least_squares(
                 2.0 * surface.laplacian,
@@ -161,34 +144,31 @@ class Flattener:
                 constraints.path_targets,
             )
         report(progress, 0.7, "Refining the rims")
-        with self._timed("refine"):
+        with watch.stage("refine"):
             refined = operators.cotangent_laplacian(first, surface.triangles)
             return harmonic(refined, constraints.rim_ids, constraints.rim_targets)
 
     def _solve(
-        self, surface: Surface, constraints: Constraints, progress: ProgressCallback | None
+        self, surface: Surface, constraints: Constraints, watch: Stopwatch, progress: ProgressCallback | None
     ) -> tuple[FloatArray, IntArray]:
         """A map without folds, and the path points that had to leave their places for it."""
         report(progress, 0.3, "Flattening")
-        with self._timed("solve"):
+        with watch.stage("solve"):
             flat = harmonic(surface.laplacian, constraints.ids, constraints.targets)
         report(progress, 0.4, "Turning back folded triangles")
-        with self._timed("untangle"):
+        with watch.stage("untangle"):
             fixed = np.zeros(len(surface.points), bool)
             fixed[constraints.rim_ids] = True
             loose = np.zeros_like(fixed)
             loose[constraints.path_ids] = True
             flat, freed = untangle(flat, surface.triangles, surface.points, fixed, loose)
         report(progress, 0.6, "Refining")
-        with self._timed("refine"):
+        with watch.stage("refine"):
             flat = lower_distortion(flat, surface, ~(fixed | loose))
         # The promise of this method, checked on every map.
         left = folded_triangles(flat, surface.triangles)
         if len(left):
-            raise FoldError(
-                f"{len(left)} triangles are folded on the map after untangling.",
-                tuple(int(i) for i in np.unique(surface.triangles[left])),
-            )
+            raise fold_error(surface.points, surface.triangles[left])
         return flat, freed
 
 

@@ -70,14 +70,18 @@ def untangle(
             freed |= loose & (flat != before).any(axis=1)
     folded = _bad(flat, triangles)
     if len(folded):
-        ids = np.unique(triangles[folded])
-        place = ", ".join(f"{x:.1f}" for x in points[triangles[folded[0]]].mean(axis=0))
-        raise FoldError(
-            f"{len(folded)} triangles stay folded on the map; the first is at {place} mm. The surface there is too "
-            "coarse or too narrow for the template: move the nearest seed, or refine the surface there.",
-            tuple(int(i) for i in ids),
-        )
+        raise fold_error(points, triangles[folded])
     return flat, np.flatnonzero(freed)
+
+
+def fold_error(points: FloatArray, folded: IntArray) -> FoldError:
+    """The error for triangles (k, 3) that stay folded on the map, saying where on the surface they are."""
+    place = ", ".join(f"{x:.1f}" for x in points[folded[0]].mean(axis=0))
+    return FoldError(
+        f"{len(folded)} triangles stay folded on the map; the first is at {place} mm. The surface there is too "
+        "coarse or too narrow for the template: move the nearest seed, or refine the surface there.",
+        tuple(int(i) for i in np.unique(folded)),
+    )
 
 
 def _bad(flat: FloatArray, triangles: IntArray) -> IntArray:

