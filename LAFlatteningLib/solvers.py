@@ -58,7 +58,7 @@ def _free(n: int, fixed: IntArray) -> IntArray:
     return np.flatnonzero(mask)
 
 
-def harmonic(laplacian: sparse.csr_matrix, fixed: IntArray, targets: FloatArray) -> FloatArray:
+def harmonic(laplacian: sparse.csr_matrix, fixed: IntArray, targets: FloatArray) -> tuple[FloatArray, Factorisation]:
     """The map with ``laplacian @ map = 0`` at free points and given positions elsewhere (paper, equations 5-6).
 
     Parameters
@@ -68,15 +68,17 @@ def harmonic(laplacian: sparse.csr_matrix, fixed: IntArray, targets: FloatArray)
 
     Returns
     -------
-    (n, 2) positions; those of fixed points are the targets to the last bit.
+    flat : (n, 2) positions; those of fixed points are the targets to the last bit.
+    factorisation : of the Laplacian at the free points, in the order of their ids.
     """
     n = laplacian.shape[0]
     free = _free(n, fixed)
     flat = np.empty((n, targets.shape[1]))
     flat[fixed] = targets
     rows = laplacian[free]
-    flat[free] = Factorisation(rows[:, free]).solve(-(rows[:, fixed] @ targets))
-    return flat
+    factorisation = Factorisation(rows[:, free])
+    flat[free] = factorisation.solve(-(rows[:, fixed] @ targets))
+    return flat, factorisation
 
 
 def published_least_squares(

@@ -49,7 +49,7 @@ def edges(triangles: IntArray) -> Edges:
     n = int(triangles.max()) + 1 if m else 0
     # One 64-bit key an edge sorts faster than rows.
     key = directed[:, 0] * n + directed[:, 1]
-    order = np.argsort(key, kind="stable")
+    order = np.argsort(key)
     ordered = key[order]
     first = np.concatenate([[True], ordered[1:] != ordered[:-1]]) if m else np.zeros(0, bool)
     starts = np.flatnonzero(first)
@@ -59,9 +59,12 @@ def edges(triangles: IntArray) -> Edges:
     unique = ordered[starts]
     points = np.stack([unique // max(n, 1), unique % max(n, 1)], axis=1)
     pair = np.full((len(starts), 2), -1, np.int64)
-    pair[:, 0] = order[starts] % max(m, 1)
+    pair[:, 0] = order[starts]
     shared = count > 1
-    pair[shared, 1] = order[starts[shared] + 1] % max(m, 1)
+    # The sort is not stable, so that it is fast: put the two in order here.
+    other = order[starts[shared] + 1]
+    pair[shared] = np.stack([np.minimum(pair[shared, 0], other), np.maximum(pair[shared, 0], other)], axis=1)
+    pair = np.where(pair >= 0, pair % max(m, 1), -1)
     return Edges(points, edge_of_half.reshape(3, m).T, pair, count)
 
 

@@ -153,7 +153,6 @@ def make_cavity(surface: Surface, anatomy: Anatomy, outer_points: FloatArray) ->
         cover = np.where(added >= 0, added + covered, np.concatenate([cover, np.full(len(added) - len(cover), -1)]))
     else:
         closed = surface
-    outer_loop = open_loops[outer]
     part, ids = closed.submesh(cover < 0)
     part = part.with_data({POINT_ID_ARRAY: ids})
     if HOLE_ARRAY not in surface.point_data:
@@ -163,13 +162,16 @@ def make_cavity(surface: Surface, anatomy: Anatomy, outer_points: FloatArray) ->
             f"The cavity between the covers has {len(part.boundary_loops)} rims, expected {expected}: covers touch "
             "each other or the outer rim. Leave at least one row of triangles between openings."
         )
-    new_outer = set(outer_loop.tolist())
+    covered_by = np.full(len(closed.points), -1, np.int64)
+    covered_by[closed.triangles[cover >= 0]] = cover[cover >= 0, None]
     rims: dict[int, IntArray] = {}
     for loop in part.boundary_loops:
-        if int(ids[loop[0]]) in new_outer:
+        # A rim point may touch a second cover only if the surface between them is one point wide.
+        number = int(np.bincount(covered_by[ids[loop]] + 1).argmax()) - 1
+        if number < 0:
             outer_rim = loop
         else:
-            rims[_cover_at(closed, cover, ids[loop])] = loop
+            rims[number] = loop
     return Cavity(closed, cover, part, ids, tuple(rims[k] for k in sorted(rims)), outer_rim, tuple(notes))
 
 
@@ -200,11 +202,3 @@ def nearest_rim(surface: Surface, loops: Sequence[IntArray], points: FloatArray)
     if min(distance) > SNAP_LIMIT_MM:
         return int(np.argmax([surface.loop_length(loop) for loop in loops]))
     return int(np.argmin(distance))
-
-
-def _cover_at(closed: Surface, cover: IntArray, rim: IntArray) -> int:
-    """The cover that a rim (ids of `closed`) belongs to."""
-    a, b = sorted((int(rim[0]), int(rim[1])))
-    edges = closed.edges
-    index = np.flatnonzero((edges.points[:, 0] == a) & (edges.points[:, 1] == b))[0]
-    return int(cover[edges.triangles[index]].max())

@@ -1,4 +1,4 @@
-"""Edges that would have to run across a hole of the map, and how they are taken out of the way."""
+"""Edges that would have to run across an opening of the map, and how they are taken out of the way."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from ..surface import IntArray, Surface
 def flip_chords(surface: Surface, rims: Sequence[IntArray]) -> tuple[Surface, int]:
     """The surface with every inner edge that joins two points of one rim flipped.
 
-    Such an edge (the base of an "ear", a triangle with all corners on the rim) becomes a chord of the hole on
-    the map, so the triangle outside it folds whatever the solver does. It is replaced by the other diagonal of
-    its two triangles. Points, and the number and order of triangles, stay.
+    Such an edge (the base of an "ear", a triangle with all corners on the rim) becomes a chord of its opening on
+    the map. Across a hole, the triangle outside it folds whatever the solver does; at the outer rim, the ear's tip
+    has no neighbour inside the surface and no path can leave it. It is replaced by the other diagonal of its two
+    triangles. Points, and the number and order of triangles, stay.
 
     Parameters
     ----------
-    rims : the rims of the *holes*, as ids of the surface. (A chord of the convex outer rim does no harm.)
+    rims : rims as ids of the surface.
 
     Returns
     -------

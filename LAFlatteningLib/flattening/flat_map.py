@@ -36,7 +36,7 @@ class FlatMap:
     regions : (m,) region number of each triangle.
     cavity, seeds, division, constraints : the steps before.
     template, method, rounding : how it was made; rounding only for the method "paper".
-    flipped_edges : edges of the cavity that would have crossed a hole of the map and were flipped.
+    flipped_edges : edges of the cavity that would have crossed an opening of the map and were flipped.
     freed_path_points : ids of path points that left their line so that no triangle folds.
     seconds : stage -> time, and "total".
     """

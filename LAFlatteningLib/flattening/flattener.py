@@ -126,7 +126,7 @@ class Flattener:
         cavity = make_cavity(self.surface, self.template.anatomy, outer_points)
         surface, flipped = cavity.surface, 0
         if self.method == "regional":
-            surface, flipped = flip_chords(surface, cavity.rims)
+            surface, flipped = flip_chords(surface, [*cavity.rims, cavity.outer])
         self._prepared = (cavity, surface, flipped)
         return self._prepared
 
@@ -146,7 +146,7 @@ class Flattener:
         report(progress, 0.7, "Refining the rims")
         with watch.stage("refine"):
             refined = operators.cotangent_laplacian(first, surface.triangles)
-            return harmonic(refined, constraints.rim_ids, constraints.rim_targets)
+            return harmonic(refined, constraints.rim_ids, constraints.rim_targets)[0]
 
     def _solve(
         self, surface: Surface, constraints: Constraints, watch: Stopwatch, progress: ProgressCallback | None
@@ -154,7 +154,7 @@ class Flattener:
         """A map without folds, and the path points that had to leave their places for it."""
         report(progress, 0.3, "Flattening")
         with watch.stage("solve"):
-            flat = harmonic(surface.laplacian, constraints.ids, constraints.targets)
+            flat, factorisation = harmonic(surface.laplacian, constraints.ids, constraints.targets)
         report(progress, 0.4, "Turning back folded triangles")
         with watch.stage("untangle"):
             fixed = np.zeros(len(surface.points), bool)
@@ -164,7 +164,7 @@ class Flattener:
             flat, freed = untangle(flat, surface.triangles, surface.points, fixed, loose)
         report(progress, 0.6, "Refining")
         with watch.stage("refine"):
-            flat = lower_distortion(flat, surface, ~(fixed | loose))
+            flat = lower_distortion(flat, surface, ~(fixed | loose), factorisation.order)
         # The promise of this method, checked on every map.
         left = folded_triangles(flat, surface.triangles)
         if len(left):

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import operators
-from ..surface import FloatArray, Surface
+from ..surface import FloatArray, IntArray, Surface
 from .energy import PatchEnergy, descend, rest_shapes
 
 ROUNDS = 2
@@ -15,7 +15,9 @@ STEPS = 10
 """Quasi-Newton steps in each round."""
 
 
-def lower_distortion(flat: FloatArray, surface: Surface, movable: NDArray[np.bool_]) -> FloatArray:
+def lower_distortion(
+    flat: FloatArray, surface: Surface, movable: NDArray[np.bool_], order: IntArray | None = None
+) -> FloatArray:
     """The map with less change of angles and areas, and still without folds.
 
     Minimises the energy of `energy.PatchEnergy` with eps = 0, each triangle weighted by its area on the
@@ -25,6 +27,7 @@ def lower_distortion(flat: FloatArray, surface: Surface, movable: NDArray[np.boo
     ----------
     flat : (n, 2) map without folded triangles.
     movable : (n,) points that may move; the others stay exactly where they are.
+    order : order of elimination for the movable points, if one is known (`solvers.Factorisation.order`).
     """
     areas = surface.triangle_areas
     scale = float(np.sqrt(operators.triangle_areas(flat, surface.triangles).sum() / areas.sum()))
@@ -32,7 +35,6 @@ def lower_distortion(flat: FloatArray, surface: Surface, movable: NDArray[np.boo
         flat, surface.triangles, rest_shapes(surface.points, surface.triangles, scale), movable, areas / areas.mean()
     )
     variables = energy.start()
-    order = None
     for _ in range(ROUNDS):
         preconditioner = energy.preconditioner(variables, order)
         order = preconditioner.order
