@@ -7,7 +7,7 @@ DEMO ?= demo
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test lint bench clean
+.PHONY: demo test lint bench clean screenshots
 
 demo: $(VENV)/figures.stamp
 	$(BIN)/la-flatten demo --output $(DEMO)
@@ -37,3 +37,8 @@ $(VENV)/%.stamp: pyproject.toml | $(BIN)/python
 
 clean:
 	rm -rf $(VENV) demo
+
+# The picture of the README.
+screenshots: demo
+	mkdir -p Screenshots
+	cp $(DEMO)/figure.png Screenshots/map.png

@@ -91,3 +91,37 @@ def test_every_package_and_data_file_is_packaged():
 def test_files_stay_short():
     for path in FOLDER.rglob("*.py"):
         assert len(path.read_text(encoding="utf-8").splitlines()) <= 500, path.name
+
+
+ROOT = FOLDER.parent
+
+
+@pytest.mark.skipif(not (ROOT / "README.md").is_file(), reason="the library is installed without its repository")
+@pytest.mark.parametrize("document", ["README.md", "Docs/tutorial.md"])
+def test_python_of_the_documents_runs(document, tmp_path, monkeypatch):
+    from LAFlatteningLib.cli import main
+
+    monkeypatch.chdir(tmp_path)
+    assert main(["demo", "--output", "demo", "--points", "1000", "--quiet"]) == 0
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / document).read_text(encoding="utf-8"), re.S)
+    assert blocks
+    for block in blocks:
+        exec(compile(block, document, "exec"), {})
+
+
+@pytest.mark.skipif(not (ROOT / "README.md").is_file(), reason="the library is installed without its repository")
+def test_commands_of_the_documents_run(tmp_path, monkeypatch):
+    """Every la-flatten line of README and tutorial, as it stands there."""
+    import shlex
+
+    from LAFlatteningLib.cli import main
+
+    monkeypatch.chdir(tmp_path)
+    assert main(["demo", "--output", "demo", "--points", "1000", "--quiet"]) == 0
+    count = 0
+    for document in ("README.md", "Docs/tutorial.md"):
+        text = (ROOT / document).read_text(encoding="utf-8").replace("\\\n", " ")
+        for line in re.findall(r"^    \.venv/bin/la-flatten (.*)$", text, re.M):
+            assert main(shlex.split(line)) == 0, line
+            count += 1
+    assert count >= 3
