@@ -26,10 +26,10 @@ class Factorisation:
         saves a third of the time; by default a minimum degree ordering is made.
     """
 
-    def __init__(self, matrix: sparse.csr_matrix, order: IntArray | None = None) -> None:
+    def __init__(self, matrix: sparse.csr_matrix | sparse.csc_matrix, order: IntArray | None = None) -> None:
         self._order = order
         if order is not None:
-            matrix = matrix.tocsr()[order][:, order]
+            matrix = matrix[:, order][order]
         self._solver = splu(
             matrix.tocsc(),
             permc_spec="MMD_AT_PLUS_A" if order is None else "NATURAL",

@@ -12,13 +12,14 @@ that a folded map can be brought down to one without folds.
 from __future__ import annotations
 
 from collections import deque
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from .. import operators
+from .. import operators, topology
 from ..solvers import Factorisation
 from ..surface import FloatArray, IntArray
 
@@ -58,6 +59,7 @@ class PatchEnergy:
     rest : (k, 3) their `rest_shapes`.
     movable : (n,) points that are variables.
     weights : (k,) weight of each triangle (default 1).
+    mesh_edges : edges of the triangles, if they are known already.
     """
 
     def __init__(
@@ -67,8 +69,10 @@ class PatchEnergy:
         rest: FloatArray,
         movable: NDArray[np.bool_],
         weights: FloatArray | None = None,
+        mesh_edges: topology.Edges | None = None,
     ) -> None:
         self._triangles = triangles
+        self._mesh_edges = mesh_edges
         self._flat = flat.copy()
         self._weights = np.ones(len(triangles)) if weights is None else weights
         self._rest = rest
@@ -163,13 +167,56 @@ class PatchEnergy:
     ) -> Factorisation:
         """Solver for the Dirichlet energy of triangles (k, 3, 2), each with its own stiffness (k,)."""
         # Obtuse triangles must not make the matrix indefinite.
-        weighted = np.maximum(operators.corner_cotangents(corners), 0.05) * stiffness[:, None]
-        # Held points share the last row and column, which are then left out.
-        v = len(self.ids)
-        number = np.where(self._number >= 0, self._number, v)
-        inner = operators.laplacian_from_cotangents(weighted, number[self._triangles], v + 1)[:v, :v]
-        # A patch without any fixed point would make the matrix singular.
-        return Factorisation(inner + sparse.diags(np.full(v, 1e-9 * inner.diagonal().max())), order)
+        weight = np.maximum(operators.corner_cotangents(corners), 0.05) * stiffness[:, None]
+        return Factorisation(self._pattern.matrix(weight), order)
+
+    @cached_property
+    def _pattern(self) -> _DirichletPattern:
+        return _DirichletPattern(self._number[self._triangles], len(self.ids), self._mesh_edges)
+
+
+class _DirichletPattern:
+    """Where the entries of a Dirichlet energy's matrix stand, so that new weights only fill in numbers.
+
+    Parameters
+    ----------
+    corners : (k, 3) number of the variable at each corner, -1 where the point is held.
+    variables : number of variables.
+    mesh_edges : edges of the triangles, if known.
+    """
+
+    def __init__(self, corners: IntArray, variables: int, mesh_edges: topology.Edges | None) -> None:
+        if mesh_edges is None:
+            # Held points are told apart only by being held: all are one point here.
+            mesh_edges = topology.edges(np.where(corners >= 0, corners, variables))
+            ends = mesh_edges.points
+        else:
+            ends = np.empty_like(mesh_edges.points)
+            for k in range(3):
+                ends[mesh_edges.of_triangle[:, k]] = corners[:, [(k + 1) % 3, (k + 2) % 3]]
+        ends = np.where(ends < 0, variables, ends)
+        self._edge_of_corner = mesh_edges.of_triangle.reshape(-1)
+        self._ends = ends
+        self._inner = np.flatnonzero((ends < variables).all(axis=1) & (ends[:, 0] != ends[:, 1]))
+        a, b = ends[self._inner].T
+        diagonal = np.arange(variables)
+        rows, columns = np.concatenate([a, b, diagonal]), np.concatenate([b, a, diagonal])
+        # The matrix of entry numbers: reading it column by column gives the place of each entry.
+        places = sparse.csc_matrix((np.arange(len(rows)), (rows, columns)), shape=(variables, variables))
+        self._entry, self._structure = places.data, (places.indices, places.indptr)
+        self._variables = variables
+
+    def matrix(self, weight: FloatArray) -> sparse.csc_matrix:
+        """The matrix for weights (k, 3) of the edges opposite each corner of each triangle."""
+        edge = 0.5 * np.bincount(self._edge_of_corner, weight.reshape(-1), minlength=len(self._ends))
+        ends, v = self._ends, self._variables
+        diagonal = np.bincount(ends[:, 0], edge, minlength=v + 1) + np.bincount(ends[:, 1], edge, minlength=v + 1)
+        diagonal = diagonal[:v]
+        # A patch without any held point would make the matrix singular.
+        diagonal += 1e-9 * diagonal.max()
+        inner = -edge[self._inner]
+        data = np.concatenate([inner, inner, diagonal])[self._entry]
+        return sparse.csc_matrix((data, *self._structure), shape=(v, v))
 
 
 def descend(

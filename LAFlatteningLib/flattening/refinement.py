@@ -31,7 +31,12 @@ def lower_distortion(
     areas = surface.triangle_areas
     scale = float(np.sqrt(operators.triangle_areas(flat, surface.triangles).sum() / areas.sum()))
     energy = PatchEnergy(
-        flat, surface.triangles, rest_shapes(surface.points, surface.triangles, scale), movable, areas / areas.mean()
+        flat,
+        surface.triangles,
+        rest_shapes(surface.points, surface.triangles, scale),
+        movable,
+        areas / areas.mean(),
+        surface.edges,
     )
     variables = energy.start()
     for steps in STEPS:
