@@ -18,6 +18,8 @@ from ..seeds import SnappedSeeds
 from ..surface import FloatArray, IntArray, Surface
 from ..template import Template
 
+USUAL_DILATATION = 20.0
+"""A 99th percentile of the dilatation above this makes a note: on real atria with good seeds it is 4 to 10."""
 REGION_ARRAY = "region"
 """Cell array of a map: the number of the region."""
 
@@ -81,6 +83,33 @@ class FlatMap:
         return float(moved.max(initial=0.0)) / self.template.radius
 
     @cached_property
+    def distortion(self) -> dict[str, Any]:
+        """Figures of alpha, beta and dilatation, see `distortion.summary`."""
+        return distortion.summary(self.surface.points, self.triangles, self.points)
+
+    @cached_property
+    def notes(self) -> tuple[str, ...]:
+        """What was mended in the input, and what to look at on the map before trusting it."""
+        notes = list(self.cavity.notes)
+        if len(self.folded_triangles):
+            notes.append(
+                f"{len(self.folded_triangles)} triangles are folded, as is usual for the method {self.method}; "
+                "the method regional does not fold."
+            )
+        if len(self.freed_path_points):
+            notes.append(
+                f"{len(self.freed_path_points)} path points had to leave their lines so that nothing folds, by up to "
+                f"{100 * self.path_drift:.1f} % of the disk radius. Check the seeds, and the map near the paths."
+            )
+        worst = self.distortion["dilatation"]["p99"]
+        if self.method == "regional" and worst > USUAL_DILATATION:
+            notes.append(
+                f"The map is stretched more than usual (99th percentile of the dilatation {worst:.0f}, usually 4 to 10). "
+                "Check that every seed is on the opening that it names."
+            )
+        return tuple(notes)
+
+    @cached_property
     def metrics(self) -> dict[str, Any]:
         """The quality of the map, as written to the metrics file (see Docs/formats.md)."""
         return {
@@ -96,9 +125,9 @@ class FlatMap:
             "freed_path_points": len(self.freed_path_points),
             "rim_error": self.rim_error,
             "path_drift": self.path_drift,
-            **distortion.summary(self.surface.points, self.triangles, self.points),
+            **self.distortion,
             "seed_moved_mm": dict(self.seeds.moved_mm),
-            "notes": list(self.cavity.notes),
+            "notes": list(self.notes),
             "seconds": dict(self.seconds),
         }
 

@@ -406,3 +406,15 @@ def test_real_seeds_swapped_and_mirrored_are_refused(data_dir):
     mirrored = Surface(surface.points * flip, surface.triangles, surface.point_data)
     with pytest.raises(LAFlatteningError, match="mirrored"):
         flatten(mirrored, {label: at * flip for label, at in seeds.items()})
+
+
+def test_notes_say_what_to_look_at(phantom, phantom_map):
+    assert phantom_map.notes == ()
+    paper = flatten(phantom.surface, phantom.seeds, method="paper")
+    assert len(paper.folded_triangles) > 0
+    assert any("folded" in note for note in paper.notes)
+    squashed = dataclasses.replace(phantom_map, points=phantom_map.points * [1.0, 0.02])
+    assert any("stretched more than usual" in note for note in squashed.notes)
+    freed = dataclasses.replace(phantom_map, freed_path_points=np.array([3, 4]))
+    assert any("2 path points had to leave their lines" in note for note in freed.notes)
+    assert freed.metrics["notes"] == list(freed.notes)
