@@ -104,8 +104,8 @@ class FlatMap:
         worst = self.distortion["dilatation"]["p99"]
         if self.method == "regional" and worst > USUAL_DILATATION:
             notes.append(
-                f"The map is stretched more than usual (99th percentile of the dilatation {worst:.0f}, usually 4 to 10). "
-                "Check that every seed is on the opening that it names."
+                f"The map is stretched more than usual (99th percentile of the dilatation {worst:.0f}, usually 4 to "
+                "10). Check that every seed is on the opening that it names."
             )
         return tuple(notes)
 
