@@ -28,7 +28,7 @@ $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' \
 	  || { echo "LAFlattening needs Python 3.10 or newer; try: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }
 	@$(PYTHON) -m venv $(VENV) \
-	  || { echo "Python's venv module is missing (Debian: apt-get install python3-venv)"; exit 1; }
+	  || { rm -rf $(VENV); echo "Python's venv module is missing (Debian: apt-get install python3-venv)"; exit 1; }
 
 # A stamp for each set of optional packages, made again when the packages asked for change.
 $(VENV)/%.stamp: pyproject.toml | $(BIN)/python

@@ -8,7 +8,7 @@ and name no vein. Where things lie in the plane is said by a `LAFlatteningLib.te
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from .errors import TemplateError
@@ -30,6 +30,8 @@ class Anatomy:
         chamber. The foot of the first path stays where it is when feet are spread more evenly.
     regions : region number -> the paths that bound it.
     region_names : region number -> what a clinician calls it.
+    directions : "left" and "superior" -> pairs of groups of holes, the first of which lies on that side of the second
+        in every patient. Empty where the anatomy says nothing about it.
     """
 
     name: str
@@ -40,6 +42,7 @@ class Anatomy:
     rims: Mapping[str, tuple[str, ...]]
     regions: Mapping[int, tuple[str, ...]]
     region_names: Mapping[int, str]
+    directions: Mapping[str, tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         _check(self)
@@ -63,10 +66,6 @@ class Anatomy:
     def feet(self, opening: str) -> tuple[str, ...]:
         """The paths with a foot on the rim of an opening, counter-clockwise on the map."""
         return self.outer_paths if opening == self.outer else tuple(self.rims[opening])
-
-    def seed_name(self, seed: str) -> str:
-        """Full name of what a seed marks."""
-        return self.openings.get(seed) or self.outer_seeds[seed]
 
     def opening_of(self, seed: str) -> str:
         """The opening that a seed marks or lies on."""
@@ -93,6 +92,10 @@ class Anatomy:
             {name: tuple(paths) for name, paths in data["rims"].items()},
             {int(number): tuple(paths) for number, paths in data["regions"].items()},
             {int(number): name for number, name in data["region_names"].items()},
+            {
+                side: tuple((tuple(first), tuple(second)) for first, second in pairs)
+                for side, pairs in data.get("directions", {}).items()
+            },
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -106,6 +109,10 @@ class Anatomy:
             "rims": {name: list(paths) for name, paths in self.rims.items()},
             "regions": {str(number): list(paths) for number, paths in self.regions.items()},
             "region_names": {str(number): name for number, name in self.region_names.items()},
+            "directions": {
+                side: [[list(first), list(second)] for first, second in pairs]
+                for side, pairs in self.directions.items()
+            },
         }
 
 
@@ -150,6 +157,8 @@ def _check(anatomy: Anatomy) -> None:
                 raise TemplateError(f'anatomy.paths.{name}: "{seed}" is neither a hole nor a seed of the outer rim.')
         if pair[0] == pair[1]:
             raise TemplateError(f'anatomy.paths.{name}: joins "{pair[0]}" to itself; expected two different seeds.')
+        if not set(pair) & set(anatomy.holes):
+            raise TemplateError(f"anatomy.paths.{name}: joins two seeds of the outer rim; expected a hole at one end.")
     for seed in anatomy.outer_seeds:
         ends = [name for name, pair in anatomy.paths.items() if seed in pair]
         if len(ends) != 1:
@@ -158,11 +167,16 @@ def _check(anatomy: Anatomy) -> None:
             )
     for hole in anatomy.holes:
         ends = sorted(name for name, pair in anatomy.paths.items() if hole in pair)
-        if sorted(anatomy.rims.get(hole, ())) != ends:
+        if sorted(anatomy.rims.get(hole, ())) != ends or not ends:
             raise TemplateError(
-                f"anatomy.rims.{hole}: expected the paths that end there ({', '.join(ends)}), "
+                f"anatomy.rims.{hole}: expected the paths that end there ({', '.join(ends) or 'at least one'}), "
                 f"found {', '.join(anatomy.rims.get(hole, ())) or 'none'}."
             )
+    for side, pairs in anatomy.directions.items():
+        for group in (group for pair in pairs for group in pair):
+            unknown = [hole for hole in group if hole not in anatomy.holes]
+            if unknown:
+                raise TemplateError(f'anatomy.directions.{side}: "{unknown[0]}" is no hole of this anatomy.')
     for number in anatomy.regions:
         if number not in anatomy.region_names:
             raise TemplateError(f"anatomy.region_names.{number}: missing; expected a name for region {number}.")
@@ -225,6 +239,10 @@ LEFT_ATRIUM = Anatomy(
         3: "left lateral wall",
         4: "anterior wall",
         5: "posterior wall between the veins",
+    },
+    directions={
+        "left": ((("LSPV", "LIPV"), ("RSPV", "RIPV")), (("LAA",), ("RSPV", "RIPV"))),
+        "superior": ((("LSPV", "RSPV"), ("LIPV", "RIPV")),),
     },
 )
 """The nine seeds, nine paths and five regions of Nunez-Garcia et al., section II-A2."""

@@ -103,11 +103,13 @@ def _constraints(
             share = fractions(closed_loop[start : stop + 1])[:-1]
             rim_targets.append(rim.shape.at(rim.shape.angle_at(*angles, share)))
     rims = np.concatenate(rim_ids)
-    on_rim = np.zeros(len(division.surface.points), bool)
-    on_rim[rims] = True
+    taken = np.zeros(len(division.surface.points), bool)
+    taken[rims] = True
     path_ids, path_targets, path_of = [], [], []
     for name, ids in division.paths.items():
-        inner = ids[1:-1][~on_rim[ids[1:-1]]]
+        # A point where two paths meet stays with the first of them, and the other shares out its remaining points.
+        inner = ids[1:-1][~taken[ids[1:-1]]]
+        taken[inner] = True
         share = fractions(np.concatenate([ids[:1], inner, ids[-1:]]))[1:-1]
         start, end = foot(name, 0), foot(name, 1)
         path_ids.append(inner)

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
 from . import topology
 from .anatomy import Anatomy
-from .cavity.openings import Cavity
-from .errors import SeedError, SurfaceError
+from .errors import SeedError, SurfaceError, TemplateError
 from .geodesics import PathTree
-from .seeds import SnappedSeeds
+from .seed_paths import SeedPaths, path_length
 from .subcontours import spread_counts, spread_lengths
 from .surface import IntArray, Surface
 from .template import Template
@@ -21,25 +19,8 @@ from .template import Template
 DETOUR = 1.5
 """A path that must go this much farther (plus `DETOUR_MM`) to keep clear of the others shows misplaced seeds."""
 DETOUR_MM = 5.0
-
-
-@dataclass(frozen=True, eq=False)
-class SeedPaths:
-    """Shortest paths between seeds on the closed surface.
-
-    Attributes
-    ----------
-    paths : path -> point ids in `Cavity.closed`, from the first seed to the second.
-    lengths : path -> its length, mm.
-    loops : opening -> its rim as ids of the cavity, counter-clockwise on the map.
-    feet : opening -> path -> index in the loop of the point where the path leaves the cover (or of the seed,
-        on the outer rim).
-    """
-
-    paths: Mapping[str, IntArray]
-    lengths: Mapping[str, float]
-    loops: Mapping[str, IntArray]
-    feet: Mapping[str, Mapping[str, int]]
+SMALLEST_ARC = 0.05
+"""Feet on a rim are kept apart by this share of its points."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +33,7 @@ class Division:
     loops : opening -> its rim as point ids, counter-clockwise on the map, starting at the first foot.
     feet : opening -> index in the loop of each foot, in the order of `Anatomy.feet`, increasing from 0.
     paths : path -> point ids from foot to foot, feet included.
+    notes : what is unusual about the seeds.
     seed_paths : the same paths from seed to seed, as ids of `Cavity.closed`.
     """
 
@@ -60,142 +42,7 @@ class Division:
     feet: Mapping[str, IntArray]
     paths: Mapping[str, IntArray]
     seed_paths: Mapping[str, IntArray]
-
-
-def connect_seeds(cavity: Cavity, seeds: SnappedSeeds, anatomy: Anatomy) -> SeedPaths:
-    """Join the seeds by shortest edge paths on the closed surface, and find the feet of the paths on the rims.
-
-    Raises
-    ------
-    SeedError : where the paths leave a rim in another order than the anatomy says: seeds mirrored or swapped.
-    """
-    trees = {hole: PathTree(cavity.closed.edge_graph, seeds.ids[hole]) for hole in anatomy.holes}
-    result = _connect(cavity, seeds, anatomy, trees)
-    if _misplaced(result, anatomy):
-        _explain(cavity, seeds, anatomy, trees, result)
-    _check_rotation(seeds, anatomy, trees)
-    return result
-
-
-def _connect(cavity: Cavity, seeds: SnappedSeeds, anatomy: Anatomy, trees: Mapping[str, PathTree]) -> SeedPaths:
-    number = np.full(len(cavity.closed.points), -1, np.int64)
-    number[cavity.ids] = np.arange(len(cavity.ids))
-    loops = {hole: cavity.rims[seeds.hole[hole]][::-1] for hole in anatomy.holes}
-    loops[anatomy.outer] = cavity.outer
-    feet: dict[str, dict[str, int]] = {opening: {} for opening in anatomy.openings}
-    paths = {}
-    for name, (a, b) in anatomy.paths.items():
-        forward = a in trees
-        ids = trees[a if forward else b].to(seeds.ids[b if forward else a])
-        if ids is None:
-            raise SurfaceError(f"No path {name} from {a} to {b} on the surface: it is not connected.")
-        paths[name] = ids if forward else ids[::-1]
-        for seed, walk in ((a, paths[name]), (b, paths[name][::-1])):
-            opening = anatomy.opening_of(seed)
-            leaves = walk[np.argmax(number[walk] >= 0)]
-            index = np.flatnonzero(loops[opening] == number[leaves])
-            if len(index) == 0:
-                raise SurfaceError(
-                    f"Path {name} does not leave {opening} through its rim; check the cover of {opening}."
-                )
-            feet[opening][name] = int(index[0])
-    lengths = {name: _path_length(cavity.closed, ids) for name, ids in paths.items()}
-    return SeedPaths(paths, lengths, loops, feet)
-
-
-def _out_of_order(paths: SeedPaths, anatomy: Anatomy, step: int = 1) -> list[str]:
-    """The openings whose feet do not follow each other as in the anatomy (with step -1: in its mirror image)."""
-    wrong = []
-    for opening in anatomy.openings:
-        order = anatomy.feet(opening)[::step]
-        n = len(paths.loops[opening])
-        at = [paths.feet[opening][name] for name in order]
-        # Two paths may share a foot on a coarse rim: an angle of 0 between them is allowed, once round is not.
-        turns = sum((after - before) % n for before, after in zip(at, at[1:] + at[:1], strict=True))
-        if turns > n:
-            wrong.append(opening)
-    return wrong
-
-
-def _crossings(paths: SeedPaths, anatomy: Anatomy) -> list[tuple[str, str]]:
-    """Pairs of paths without a common seed that meet."""
-    return [
-        (a, b)
-        for a, b in combinations(anatomy.paths, 2)
-        if not set(anatomy.paths[a]) & set(anatomy.paths[b]) and np.intersect1d(paths.paths[a], paths.paths[b]).size
-    ]
-
-
-def _misplaced(paths: SeedPaths, anatomy: Anatomy) -> bool:
-    return bool(_out_of_order(paths, anatomy)) or bool(_crossings(paths, anatomy))
-
-
-def _explain(
-    cavity: Cavity, seeds: SnappedSeeds, anatomy: Anatomy, trees: Mapping[str, PathTree], paths: SeedPaths
-) -> None:
-    """Raise the SeedError that tells mirrored from swapped from merely misplaced seeds.
-
-    Paths that only touch on a coarse mesh, with every rim in order, are no error here.
-    """
-    wrong = _out_of_order(paths, anatomy)
-    if not _out_of_order(paths, anatomy, -1):
-        raise SeedError(
-            "The anatomy is mirrored: seen from outside, the seeds run round every opening the wrong way. Either the "
-            "surface was flipped (an image with a mirrored axis), or left and right labels are exchanged. Check which "
-            "side is the patient's left; do not use this map.",
-            anatomy.seeds,
-        )
-    kinds = (anatomy.holes, tuple(sorted(anatomy.outer_seeds)))
-    candidates = []
-    for a, b in (pair for kind in kinds for pair in combinations(kind, 2)):
-        swap = {a: b, b: a}
-        renamed = SnappedSeeds(
-            {label: seeds.ids[swap.get(label, label)] for label in seeds.ids},
-            {label: seeds.hole[swap.get(label, label)] for label in seeds.hole},
-            seeds.moved_mm,
-        )
-        other_trees = {label: trees[swap.get(label, label)] for label in trees}
-        attempt = _connect(cavity, renamed, anatomy, other_trees)
-        if not _misplaced(attempt, anatomy):
-            length = sum(attempt.lengths.values())
-            candidates.append((length, a, b))
-    if candidates:
-        _, a, b = min(candidates)
-        raise SeedError(f"Seeds {a} and {b} look swapped: exchanging them puts every path in its place.", (a, b))
-    if wrong:
-        kind = "; ".join(
-            f"round {opening} expected {', '.join(anatomy.feet(opening))}, found "
-            f"{', '.join(sorted(paths.feet[opening], key=lambda name: paths.feet[opening][name]))}"
-            for opening in wrong
-        )
-        labels = {seed for opening in wrong for name in anatomy.feet(opening) for seed in anatomy.paths[name]}
-        raise SeedError(
-            f"The paths between the seeds are out of order (counter-clockwise on the map, {kind}). "
-            f"Check seeds {', '.join(label for label in anatomy.seeds if label in labels)}.",
-            tuple(labels),
-        )
-
-
-def _check_rotation(seeds: SnappedSeeds, anatomy: Anatomy, trees: Mapping[str, PathTree]) -> None:
-    """Raise SeedError if the outer seeds, all moved on by one or more places, would give much shorter paths."""
-    order = tuple(anatomy.outer_seeds)
-    holes = [next(seed for seed in anatomy.paths[path] if seed in trees) for path in anatomy.outer_paths]
-    lengths = [
-        sum(trees[hole].distance[seeds.ids[order[(k + shift) % len(order)]]] for k, hole in enumerate(holes))
-        for shift in range(len(order))
-    ]
-    if lengths and lengths[0] > DETOUR * min(lengths):
-        shift = int(np.argmin(lengths))
-        renames = ", ".join(f"{order[(k + shift) % len(order)]} as {order[k]}" for k in range(len(order)))
-        raise SeedError(
-            f"The seeds on the {anatomy.outer} rim look moved on by {shift} place{'s' if shift > 1 else ''}: the paths "
-            f"to them are {lengths[0]:.0f} mm long together, {min(lengths):.0f} mm with {renames}.",
-            order,
-        )
-
-
-def _path_length(surface: Surface, ids: IntArray) -> float:
-    return float(np.linalg.norm(np.diff(surface.points[ids], axis=0), axis=1).sum())
+    notes: tuple[str, ...] = ()
 
 
 def _place_feet(
@@ -211,16 +58,31 @@ def _place_feet(
         index = np.array([(connected.feet[opening][name] - start) % len(loop) for name in order], np.int64)
         if template.rim(opening).spread_feet:
             index = new_feet(opening, loop, index)
-        if len(loop) < 2 * len(index) or (np.diff(np.append(index, len(loop))) < 1).any():
+        if len(loop) < 2 * len(index):
             raise SurfaceError(
-                f"The rim of {opening} has {len(loop)} points and the paths {', '.join(order)} meet on it in one "
-                "point. Move the seed towards the middle of the opening, or use a finer mesh."
+                f"The rim of {opening} has {len(loop)} points; expected at least {2 * len(index)} for its {len(index)} "
+                "paths. Use a finer mesh."
             )
+        index = _apart(index, len(loop), max(1, round(SMALLEST_ARC * len(loop))))
         loops[opening], feet[opening] = loop, index
     return loops, feet
 
 
-def divide_as_published(cavity: Cavity, seeds: SnappedSeeds, template: Template, rounding: str) -> Division:
+def _apart(index: IntArray, n: int, least: int) -> IntArray:
+    """Feet (increasing from 0 on a rim of n points) moved as little as needed to be `least` points apart.
+
+    The seed of a hole may sit so near its rim that all paths leave it at one point.
+    """
+    index = index.copy()
+    for k in range(1, len(index)):
+        index[k] = max(index[k], index[k - 1] + least)
+    index[-1] = min(index[-1], n - least)
+    for k in range(len(index) - 2, 0, -1):
+        index[k] = min(index[k], index[k + 1] - least)
+    return index
+
+
+def divide_as_published(surface: Surface, connected: SeedPaths, template: Template, rounding: str) -> Division:
     """Rims and paths by the published rules: points are counted, paths found again on the open cavity.
 
     Parameters
@@ -228,14 +90,17 @@ def divide_as_published(cavity: Cavity, seeds: SnappedSeeds, template: Template,
     rounding : see `subcontours.ROUNDINGS`.
     """
     anatomy = template.anatomy
-    connected = connect_seeds(cavity, seeds, anatomy)
 
     def new_feet(opening: str, loop: IntArray, index: IntArray) -> IntArray:
         arcs = np.diff(np.append(index, len(loop))).tolist()
+        if len(arcs) != 3:
+            raise TemplateError(
+                f"holes.{opening}.spread_feet: the published rule is for three paths, found {len(arcs)}. Set it to "
+                "false, or use the method regional."
+            )
         shares = template.rim(opening).shares(anatomy.feet(opening))
         return np.concatenate([[0], np.cumsum(spread_counts(arcs, shares, rounding))[:-1]])
 
-    surface = cavity.surface
     loops, feet = _place_feet(surface, connected, template, new_feet)
     foot = _foot_ids(anatomy, loops, feet)
     paths = {}
@@ -245,7 +110,7 @@ def divide_as_published(cavity: Cavity, seeds: SnappedSeeds, template: Template,
         if ids is None:
             raise SurfaceError(f"No path {name} from {a} to {b} on the open cavity: it is not connected.")
         paths[name] = ids
-    return Division(surface, loops, feet, paths, connected.paths)
+    return Division(surface, loops, feet, paths, connected.paths, connected.notes)
 
 
 def divide(surface: Surface, connected: SeedPaths, template: Template) -> Division:
@@ -282,14 +147,14 @@ def divide(surface: Surface, connected: SeedPaths, template: Template) -> Divisi
         direct[name] = router.path(*pair, limit=near)
         if direct[name] is None:
             direct[name] = router.path(*pair)
-    length = {name: np.inf if ids is None else _path_length(surface, ids) for name, ids in direct.items()}
+    length = {name: np.inf if ids is None else path_length(surface, ids) for name, ids in direct.items()}
     paths: dict[str, IntArray] = {}
     # The shortest have the least room to give way.
     for name in sorted(anatomy.paths, key=lambda path: length[path]):
         ids = direct[name]
         if ids is None or router.is_blocked(ids[1:-1]):
             ids = router.path(*ends[name])
-        if ids is None or _path_length(surface, ids) > DETOUR * length[name] + DETOUR_MM:
+        if ids is None or path_length(surface, ids) > DETOUR * length[name] + DETOUR_MM:
             a, b = anatomy.paths[name]
             raise SeedError(
                 f"Path {name} from {a} to {b} is cut off by a rim or by other paths ({', '.join(paths) or 'none'}). "
@@ -298,7 +163,9 @@ def divide(surface: Surface, connected: SeedPaths, template: Template) -> Divisi
             )
         paths[name] = ids
         router.block(ids)
-    return Division(surface, loops, feet, {name: paths[name] for name in anatomy.paths}, connected.paths)
+    return Division(
+        surface, loops, feet, {name: paths[name] for name in anatomy.paths}, connected.paths, connected.notes
+    )
 
 
 def _foot_ids(

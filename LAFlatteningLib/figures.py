@@ -116,6 +116,13 @@ def make_figure(flat_map: FlatMap, *, array: str | None = None, title: str | Non
     _heading(axes, f"Map, seen from outside (outer rim: {anatomy.openings[anatomy.outer]})", 0.45)
     _legend(axes, paint)
     _colour_bar(_add_axes(figure, "colours", (10.5, 1.75, 0.17, 4.7)), paint, "vertical")
+    names = [f"R{number} {name}" for number, name in sorted(anatomy.region_names.items())]
+    if paint.extend != "neither":
+        names.append("pointed ends of the colour bar: values beyond it")
+    figure.text(
+        0.5, 0.38 / PAGE_INCHES[1], "  ·  ".join(names), size=SMALL_SIZE, color=INK, ha="center", va="center",
+        parse_math=False,
+    )  # fmt: skip
     return figure
 
 
@@ -354,17 +361,29 @@ def _require_matplotlib() -> None:
     except ImportError as error:
         raise MissingPackageError(
             'Figures need matplotlib, which is not installed: pip install "laflattening[figures]". '
-            "Everything else was still written."
+            "Without a figure, everything else works."
         ) from error
 
 
-def _save(path: Path | str, make: Callable[[], Figure]) -> None:
+def check_figure_path(path: Path | str) -> None:
+    """Check that a figure of this name can be drawn here, before any other work.
+
+    Raises
+    ------
+    InputFileError : the ending is none of `FORMATS`.
+    MissingPackageError : matplotlib is not installed.
+    """
     path = Path(path)
     if path.suffix.lower() not in FORMATS:
         raise InputFileError(
             f'{path}: expected a figure file ending in {", ".join(FORMATS)}; found "{path.suffix}". Change the ending.'
         )
     _require_matplotlib()
+
+
+def _save(path: Path | str, make: Callable[[], Figure]) -> None:
+    path = Path(path)
+    check_figure_path(path)
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     # The drawing is within, so that a place that cannot be written to is found at once.

@@ -41,16 +41,3 @@ class PathTree:
         while path[-1] != self.source:
             path.append(int(self._before[path[-1]]))
         return np.array(path[::-1], np.int64)
-
-
-def without_points(graph: sparse.csr_matrix, blocked: NDArray[np.bool_]) -> sparse.csr_matrix:
-    """The graph with all edges to some points taken away.
-
-    Parameters
-    ----------
-    blocked : (n,) points that no path may touch.
-    """
-    free = sparse.diags((~blocked).astype(np.float64))
-    reduced = (free @ graph @ free).tocsr()
-    reduced.eliminate_zeros()
-    return reduced

@@ -23,6 +23,13 @@ def report(progress: ProgressCallback | None, share: float, text: str) -> None:
         raise Cancelled(text)
 
 
+def part(progress: ProgressCallback | None, start: float, stop: float) -> ProgressCallback | None:
+    """The progress of a step, as a part of the whole from `start` to `stop`."""
+    if progress is None:
+        return None
+    return lambda share, text: progress(start + share * (stop - start), text)
+
+
 class Stopwatch:
     """Seconds spent in each stage of a piece of work."""
 

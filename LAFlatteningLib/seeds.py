@@ -13,6 +13,12 @@ from .cavity.openings import SNAP_LIMIT_MM, Cavity
 from .errors import SeedError
 from .surface import FloatArray
 
+SMALLEST_COSINE = 0.3
+"""Cosine of the angle with the patient axis that a direction of `Anatomy.directions` must have (0.75 to 1 on the
+atria that we have)."""
+LARGEST_COORDINATE_MM = 1e6
+"""No seed is farther from the origin."""
+
 
 @dataclass(frozen=True)
 class SnappedSeeds:
@@ -22,12 +28,24 @@ class SnappedSeeds:
     ----------
     ids : seed -> point id in `Cavity.closed`.
     hole : hole -> number of its rim and cover in the `Cavity`.
-    moved_mm : seed -> how far it was moved.
+    moved_mm : seed -> how far that point is from where the seed was.
+    positions : seed -> (3,) the nearest place on its cover, not tied to a point of it; or its point on the outer rim.
     """
 
     ids: Mapping[str, int]
     hole: Mapping[str, int]
     moved_mm: Mapping[str, float]
+    positions: Mapping[str, FloatArray]
+
+    def renamed(self, names: Mapping[str, str]) -> SnappedSeeds:
+        """The same places with other labels: label -> the label whose place it takes."""
+        source = {label: names.get(label, label) for label in self.ids}
+        return SnappedSeeds(
+            {label: self.ids[source[label]] for label in self.ids},
+            {label: self.hole[source[label]] for label in self.hole},
+            {label: self.moved_mm[source[label]] for label in self.moved_mm},
+            {label: self.positions[source[label]] for label in self.positions},
+        )
 
 
 def check_labels(seeds: Mapping[str, FloatArray], anatomy: Anatomy) -> dict[str, FloatArray]:
@@ -42,13 +60,25 @@ def check_labels(seeds: Mapping[str, FloatArray], anatomy: Anatomy) -> dict[str,
         others = [label for label in seeds if label not in anatomy.seeds]
         raise SeedError(
             f"Seed{'s' if len(missing) > 1 else ''} missing: {', '.join(missing)}. Expected {len(anatomy.seeds)} seeds "
-            f"({', '.join(anatomy.seeds)})" + (f"; found instead {', '.join(others)}." if others else "."),
+            f"({', '.join(anatomy.seeds)})"
+            + (f"; found instead {', '.join(map(ascii, others))} (letters must match exactly)." if others else "."),
             missing,
         )
-    result = {label: np.asarray(seeds[label], dtype=np.float64).reshape(-1) for label in anatomy.seeds}
-    bad = tuple(label for label, point in result.items() if point.shape != (3,) or not np.isfinite(point).all())
+    result = {}
+    for label in anatomy.seeds:
+        try:
+            result[label] = np.asarray(seeds[label], dtype=np.float64).reshape(-1)
+        except (TypeError, ValueError):
+            result[label] = np.zeros(0)
+    bad = tuple(
+        label
+        for label, point in result.items()
+        if point.shape != (3,) or not (np.abs(point) <= LARGEST_COORDINATE_MM).all()
+    )
     if bad:
-        raise SeedError(f"Seed {bad[0]} has no valid position; expected three coordinates in mm.", bad)
+        raise SeedError(
+            f"Seed {bad[0]} has no valid position: expected three coordinates in mm, found {seeds[bad[0]]}.", bad
+        )
     return result
 
 
@@ -81,10 +111,12 @@ def snap_seeds(seeds: Mapping[str, FloatArray], cavity: Cavity, anatomy: Anatomy
     ids: dict[str, int] = {}
     hole: dict[str, int] = {}
     moved: dict[str, float] = {}
+    positions: dict[str, FloatArray] = {}
     for label, position in seeds.items():
         if label in anatomy.outer_seeds:
             moved[label], nearest = (value.item() for value in map(np.asarray, outer_tree.query(position)))
             ids[label] = int(outer_ids[nearest])
+            positions[label] = cavity.closed.points[ids[label]]
             for other in anatomy.outer_seeds:
                 if other != label and ids.get(other) == ids[label]:
                     raise SeedError(
@@ -96,6 +128,7 @@ def snap_seeds(seeds: Mapping[str, FloatArray], cavity: Cavity, anatomy: Anatomy
             moved[label], nearest = (value.item() for value in map(np.asarray, cover_tree.query(position)))
             ids[label] = int(cover_ids[nearest])
             hole[label] = int(cover_of[nearest])
+            positions[label] = cavity.on_cover(hole[label], position)
     for label, number in hole.items():
         rivals = [other for other in hole if hole[other] == number and other != label]
         if rivals:
@@ -110,7 +143,37 @@ def snap_seeds(seeds: Mapping[str, FloatArray], cavity: Cavity, anatomy: Anatomy
                 f"The opening near {empty} mm has none: move one of them there.",
                 (label, rivals[0]),
             )
-    return SnappedSeeds(ids, hole, moved)
+    return SnappedSeeds(ids, hole, moved, positions)
+
+
+def check_directions(positions: Mapping[str, FloatArray], space: str, anatomy: Anatomy) -> None:
+    """Check that seeds lie to the left of, and above, each other as in every patient.
+
+    Parameters
+    ----------
+    positions : seed -> (3,) mm, in the axes `space`.
+
+    Raises
+    ------
+    SeedError : labels exchanged or moved on, or a surface in other axes than it says.
+    """
+    axes = {"left": np.array([1.0 if space == "LPS" else -1.0, 0.0, 0.0]), "superior": np.array([0.0, 0.0, 1.0])}
+    for side, pairs in anatomy.directions.items():
+        for first, second in pairs:
+            apart = np.mean([positions[hole] for hole in first], axis=0) - np.mean(
+                [positions[hole] for hole in second], axis=0
+            )
+            cosine = float(apart @ axes[side]) / float(np.linalg.norm(apart))
+            if cosine < SMALLEST_COSINE:
+                where = "right of" if side == "left" else "below"
+                found = f"lie {where}" if cosine < -SMALLEST_COSINE else f"do not lie {side} of"
+                raise SeedError(
+                    f"By the axes of the surface ({space}), {' and '.join(first)} {found} {' and '.join(second)}; "
+                    f"expected {side}. Either seeds have each other's labels, or the image was mirrored, or the "
+                    f"surface is in other axes than {space}: then save it with its axes named (SPACE=RAS or "
+                    "SPACE=LPS). If its coordinates are no patient axes at all, switch this check off (--ignore-axes).",
+                    (*first, *second),
+                )
 
 
 def _explain_far_seeds(seeds, far, cavity, anatomy, distance) -> None:  # type: ignore[no-untyped-def]

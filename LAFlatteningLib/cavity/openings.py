@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
+from vtkmodules.vtkCommonCore import reference
+from vtkmodules.vtkCommonDataModel import vtkGenericCell, vtkStaticCellLocator
 
 from .. import topology
 from ..anatomy import Anatomy
@@ -21,7 +25,7 @@ POINT_ID_ARRAY = "surface_point_id"
 SNAP_LIMIT_MM = 10.0
 """A seed is never moved farther than this to reach its cover or rim."""
 
-SIZE_LIMITS_MM = (20.0, 1000.0)
+SIZE_LIMITS_MM = (20.0, 400.0)
 """Plausible diagonal of the bounding box of a heart chamber."""
 
 
@@ -54,6 +58,24 @@ class Cavity:
         points = np.unique(self.closed.triangles[self.cover == hole])
         return points[~np.isin(points, self.ids)]
 
+    def on_cover(self, hole: int, position: FloatArray) -> FloatArray:
+        """The place on a cover nearest to a position, (3,) mm, in a triangle or on its border."""
+        if hole not in self._locators:
+            cover, _ = self.closed.submesh(self.cover == hole)
+            locator = vtkStaticCellLocator()
+            locator.SetDataSet(cover.to_polydata())
+            locator.BuildLocator()
+            self._locators[hole] = locator
+        nearest = [0.0, 0.0, 0.0]
+        # The last three are out-parameters, which the type stubs of VTK take for numbers.
+        out: Any = (reference(0), reference(0), reference(0.0))
+        self._locators[hole].FindClosestPoint(position.tolist(), nearest, vtkGenericCell(), *out)
+        return np.array(nearest)
+
+    @cached_property
+    def _locators(self) -> dict[int, vtkStaticCellLocator]:
+        return {}
+
 
 def describe_loops(surface: Surface, loops: list[IntArray]) -> str:
     """A line for each rim: perimeter and centre, for messages."""
@@ -79,14 +101,24 @@ def check_surface(surface: Surface) -> tuple[Surface, list[str]]:
     low, high = surface.points[surface.used_points].min(axis=0), surface.points[surface.used_points].max(axis=0)
     size = float(np.linalg.norm(high - low))
     if not SIZE_LIMITS_MM[0] <= size <= SIZE_LIMITS_MM[1]:
-        # The unit in which the size would be that of a heart, about 100 mm across.
-        factor, unit = min(
-            [(1000.0, "metres"), (10.0, "centimetres"), (0.001, "micrometres")],
-            key=lambda option: abs(np.log(max(size, 1e-12) * option[0] / 100.0)),
-        )
-        raise SurfaceError(
+        message = (
             f"The surface is {size:.3g} mm across; expected a heart chamber of {SIZE_LIMITS_MM[0]:.0f} to "
-            f"{SIZE_LIMITS_MM[1]:.0f} mm. The coordinates look like {unit}: multiply them by {factor:g} to get mm."
+            f"{SIZE_LIMITS_MM[1]:.0f} mm."
+        )
+        guess = guess_unit(size)
+        if np.ptp(surface.points[:, 2]) == 0.0:
+            message += " It is flat: it looks like a map, not like an atrium."
+        elif guess:
+            message += f" The coordinates look like {guess[0]}: multiply them by {guess[1]:g} to get mm."
+        raise SurfaceError(message)
+    shortest = surface.edge_lengths.min()
+    if shortest == 0.0:
+        a, b = surface.edges.points[surface.edge_lengths.argmin()]
+        raise SurfaceError(
+            f"Points {a} and {b}, joined by an edge, are at the same place"
+            f" ({', '.join(f'{x:.1f}' for x in surface.points[a])} mm), as are the ends of "
+            f"{np.count_nonzero(surface.edge_lengths == 0.0)} edges in all. Merge coincident points and remove "
+            "triangles without area (in Slicer: Surface Toolbox, Clean)."
         )
     bad = surface.non_manifold_points
     if len(bad):
@@ -99,7 +131,12 @@ def check_surface(surface: Surface) -> tuple[Surface, list[str]]:
         sizes = np.sort(np.bincount(surface.components))[::-1]
         raise SurfaceError(
             f"The surface has {len(sizes)} separate pieces (of {', '.join(map(str, sizes[:5]))} triangles); expected "
-            "one. Keep the largest piece (in Slicer: Surface Toolbox, Extract largest component) or the right one."
+            "one. "
+            + (
+                "Its triangles do not share their points: merge coincident points (in Slicer: Surface Toolbox, Clean)."
+                if len(np.unique(surface.points, axis=0)) < 0.6 * len(surface.points)
+                else "Keep the largest piece (in Slicer: Surface Toolbox, Extract largest component) or the right one."
+            )
         )
     if not surface.is_oriented:
         surface = surface.with_triangles(topology.orient(surface.triangles, surface.edges))
@@ -114,6 +151,14 @@ def check_surface(surface: Surface) -> tuple[Surface, list[str]]:
         surface = surface.with_triangles(surface.triangles[:, ::-1])
         notes.append("Triangles faced inwards; they were turned outwards.")
     return surface, notes
+
+
+def guess_unit(size: float) -> tuple[str, float] | None:
+    """The unit in which a bounding box diagonal is that of a heart chamber, and how many mm it has; None if unclear."""
+    for name, mm in (("mm", 1.0), ("centimetres", 10.0), ("metres", 1000.0), ("micrometres", 0.001)):
+        if SIZE_LIMITS_MM[0] <= size * mm <= SIZE_LIMITS_MM[1]:
+            return name, mm
+    return None
 
 
 def make_cavity(surface: Surface, anatomy: Anatomy, outer_points: FloatArray) -> Cavity:
@@ -180,7 +225,13 @@ def _marked_covers(surface: Surface) -> IntArray:
     none = np.full(len(surface.triangles), -1, np.int64)
     if HOLE_ARRAY not in surface.point_data:
         return none
-    at_points = np.asarray(surface.point_data[HOLE_ARRAY]).reshape(len(surface.points), -1)[:, 0] > 0.5
+    values = np.asarray(surface.point_data[HOLE_ARRAY]).reshape(len(surface.points), -1)[:, 0]
+    if values.dtype.kind not in "fiub" or not np.isin(values, (0, 1)).all():
+        raise SurfaceError(
+            f'The point array "{HOLE_ARRAY}" marks covers with 1 and everything else with 0; found other values. '
+            "Correct the array, or remove it if it means something else."
+        )
+    at_points = values == 1
     marked = np.any(at_points[surface.triangles], axis=1)
     if not marked.any():
         return none

@@ -42,12 +42,16 @@ def read_obj(path: Path) -> Surface:
                     raise ValueError
                 # Numbered from 1; or backwards from the latest vertex, which is -1.
                 faces.append([corner - 1 if corner > 0 else len(points) + corner for corner in corners])
-        except ValueError as error:
+        except (ValueError, OverflowError) as error:
             raise unreadable(path, f'line {number} is not a vertex or face of an OBJ file: "{line[:60]}"') from error
     if any(len(point) != 3 for point in points):
         raise unreadable(path, "a vertex has fewer than three coordinates")
     scale = _obj_unit("\n".join(header), path)
-    return Surface(scale * np.reshape(points, (-1, 3)), _triangles(faces), space=space_in("\n".join(header)))
+    try:
+        triangles = _triangles(faces)
+    except OverflowError as error:
+        raise unreadable(path, "a face has a point number that is impossibly large") from error
+    return Surface(scale * np.reshape(points, (-1, 3)), triangles, space=space_in("\n".join(header)))
 
 
 def _obj_unit(header: str, path: Path) -> float:

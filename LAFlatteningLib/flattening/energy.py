@@ -159,8 +159,9 @@ class PatchEnergy:
         det = np.maximum(det, 1e-6)
         area = self._rest[:, 0] * self._rest[:, 2] * det
         stiffness = self._weights * (np.abs(one) ** 2 + np.abs(two) ** 2) / (det * area)
-        self._flat[self.ids] = variables
-        return self._inverse_dirichlet(self._flat[self._triangles], stiffness, order)
+        flat = self._flat.copy()
+        flat[self.ids] = variables
+        return self._inverse_dirichlet(flat[self._triangles], stiffness, order)
 
     def _inverse_dirichlet(
         self, corners: FloatArray, stiffness: FloatArray, order: IntArray | None = None
@@ -242,8 +243,14 @@ def descend(
     -------
     variables : (v, 2).
     taken : number of steps.
+
+    Raises
+    ------
+    ValueError : `eps` is 0 and the start has a folded triangle.
     """
     value, gradient = energy.value_and_gradient(variables, eps)
+    if not np.isfinite(value):
+        raise ValueError("With eps = 0 the descent must start from a map without folded triangles.")
     history: deque[_Pair] = deque(maxlen=_MEMORY)
     scale = 1.0
     for step in range(steps):

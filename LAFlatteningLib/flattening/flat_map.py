@@ -83,14 +83,14 @@ class FlatMap:
         return float(moved.max(initial=0.0)) / self.template.radius
 
     @cached_property
-    def distortion(self) -> dict[str, Any]:
+    def distortion_summary(self) -> dict[str, Any]:
         """Figures of alpha, beta and dilatation, see `distortion.summary`."""
         return distortion.summary(self.surface.points, self.triangles, self.points)
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
         """What was mended in the input, and what to look at on the map before trusting it."""
-        notes = list(self.cavity.notes)
+        notes = [*self.cavity.notes, *self.division.notes]
         if len(self.folded_triangles):
             notes.append(
                 f"{len(self.folded_triangles)} triangles are folded, as is usual for the method {self.method}; "
@@ -101,7 +101,7 @@ class FlatMap:
                 f"{len(self.freed_path_points)} path points had to leave their lines so that nothing folds, by up to "
                 f"{100 * self.path_drift:.1f} % of the disk radius. Check the seeds, and the map near the paths."
             )
-        worst = self.distortion["dilatation"]["p99"]
+        worst = self.distortion_summary["dilatation"]["p99"]
         if self.method == "regional" and worst > USUAL_DILATATION:
             notes.append(
                 f"The map is stretched more than usual (99th percentile of the dilatation {worst:.0f}, usually 4 to "
@@ -125,7 +125,7 @@ class FlatMap:
             "freed_path_points": len(self.freed_path_points),
             "rim_error": self.rim_error,
             "path_drift": self.path_drift,
-            **self.distortion,
+            **self.distortion_summary,
             "seed_moved_mm": dict(self.seeds.moved_mm),
             "notes": list(self.notes),
             "seconds": dict(self.seconds),
@@ -152,7 +152,8 @@ class FlatMap:
                 "seed_positions_mm": on_atrium,
                 "seed_space": np.array([self.surface.space], dtype=object),
             },
-            self.surface.space,
+            # A map has no patient axes. RAS is what 3D Slicer shows as it is, without turning it.
+            "RAS",
         )
 
 

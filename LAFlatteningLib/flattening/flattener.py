@@ -11,8 +11,9 @@ from .. import operators
 from ..cavity.openings import Cavity, make_cavity, nearest_rim
 from ..constraints import Constraints, constraints_by_count, constraints_by_length
 from ..distortion import folded_triangles
-from ..division import connect_seeds, divide, divide_as_published, label_regions
-from ..progress import ProgressCallback, Stopwatch, report
+from ..division import divide, divide_as_published, label_regions
+from ..progress import ProgressCallback, Stopwatch, part, report
+from ..seed_paths import WaysAcrossOstia, WaysOverCovers, connect_seeds
 from ..seeds import check_labels, snap_seeds
 from ..solvers import harmonic, published_least_squares
 from ..subcontours import ROUNDINGS
@@ -38,6 +39,7 @@ class Flattener:
     template : a template, the name of a built-in one, or the path of a template file.
     method : "regional" or "paper".
     rounding : of the sub-contour rule, for the method "paper": see `subcontours.ROUNDINGS`.
+    check_axes : whether seeds that contradict the patient axes of the surface are refused.
 
     Examples
     --------
@@ -54,6 +56,7 @@ class Flattener:
         template: Template | str | Path = DEFAULT_TEMPLATE,
         method: str = "regional",
         rounding: str = "paper",
+        check_axes: bool = True,
     ) -> None:
         if method not in METHODS:
             raise ValueError(f'Expected method {" or ".join(METHODS)}; found "{method}".')
@@ -63,6 +66,7 @@ class Flattener:
         self.template = template if isinstance(template, Template) else Template.load(template)
         self.method = method
         self.rounding = rounding
+        self.check_axes = check_axes
         self._prepared: tuple[Cavity, Surface, int] | None = None
 
     def flatten(self, seeds: Mapping[str, FloatArray], progress: ProgressCallback | None = None) -> FlatMap:
@@ -88,11 +92,13 @@ class Flattener:
         report(progress, 0.15, "Dividing the surface into regions")
         with watch.stage("division"):
             snapped = snap_seeds(seeds, cavity, anatomy)
+            ways = WaysOverCovers(cavity) if self.method == "paper" else WaysAcrossOstia(cavity)
+            connected = connect_seeds(cavity, snapped, anatomy, ways, self.check_axes)
             if self.method == "paper":
-                division = divide_as_published(cavity, snapped, self.template, self.rounding)
+                division = divide_as_published(cavity.surface, connected, self.template, self.rounding)
                 constraints = constraints_by_count(division, self.template, self.rounding == "paper")
             else:
-                division = divide(surface, connect_seeds(cavity, snapped, anatomy), self.template)
+                division = divide(surface, connected, self.template)
                 constraints = constraints_by_length(division, self.template)
             regions = label_regions(division, anatomy)
         freed = np.zeros(0, np.int64)
@@ -162,9 +168,8 @@ class Flattener:
             loose = np.zeros_like(fixed)
             loose[constraints.path_ids] = True
             flat, freed = untangle(flat, surface.triangles, surface.points, fixed, loose)
-        report(progress, 0.6, "Refining")
         with watch.stage("refine"):
-            flat = lower_distortion(flat, surface, ~(fixed | loose), factorisation.order)
+            flat = lower_distortion(flat, surface, ~(fixed | loose), factorisation.order, part(progress, 0.6, 1.0))
         # The promise of this method, checked on every map.
         left = folded_triangles(flat, surface.triangles)
         if len(left):
@@ -178,7 +183,8 @@ def flatten(
     template: Template | str | Path = DEFAULT_TEMPLATE,
     method: str = "regional",
     rounding: str = "paper",
+    check_axes: bool = True,
     progress: ProgressCallback | None = None,
 ) -> FlatMap:
     """Flatten a surface once; see `Flattener` for the parameters and errors."""
-    return Flattener(surface, template, method, rounding).flatten(seeds, progress)
+    return Flattener(surface, template, method, rounding, check_axes).flatten(seeds, progress)

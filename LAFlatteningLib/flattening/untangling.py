@@ -79,7 +79,8 @@ def fold_error(points: FloatArray, folded: IntArray) -> FoldError:
     place = ", ".join(f"{x:.1f}" for x in points[folded[0]].mean(axis=0))
     return FoldError(
         f"{len(folded)} triangles stay folded on the map; the first is at {place} mm. The surface there is too "
-        "coarse or too narrow for the template: move the nearest seed, or refine the surface there.",
+        "coarse or too narrow for the template, or its triangles are slivers: check the nearest seed, or remesh the "
+        "surface evenly.",
         tuple(int(i) for i in np.unique(folded)),
     )
 

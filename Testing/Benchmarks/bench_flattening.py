@@ -20,6 +20,7 @@ from LAFlatteningLib import Flattener, operators
 from LAFlatteningLib.constraints import Constraints, constraints_by_count
 from LAFlatteningLib.division import divide_as_published
 from LAFlatteningLib.flattening import FlatMap
+from LAFlatteningLib.seed_paths import WaysOverCovers, connect_seeds
 
 STAGES = ("cavity", "division", "solve", "untangle", "refine", "total")
 
@@ -110,7 +111,9 @@ def main() -> None:
     for _ in range(options.repeat):
         flattener = Flattener(type(surface)(surface.points, surface.triangles))
         flat_map = flattener.flatten(seeds)
-        division = divide_as_published(flat_map.cavity, flat_map.seeds, flat_map.template, "half-even")
+        ways = WaysOverCovers(flat_map.cavity)
+        connected = connect_seeds(flat_map.cavity, flat_map.seeds, flat_map.template.anatomy, ways)
+        division = divide_as_published(flat_map.cavity.surface, connected, flat_map.template, "half-even")
         slow = textbook(flat_map, constraints_by_count(division, flat_map.template, as_printed=False))
         moved = flattener.flatten(seeds).seconds["total"]
         fast = flat_map.seconds["total"]

@@ -10,7 +10,7 @@ import argparse
 import cases
 import numpy as np
 
-from LAFlatteningLib import Flattener, LAFlatteningError, Surface
+from LAFlatteningLib import Flattener, SeedError, Surface
 
 
 def moved(seeds: cases.Seeds, surface: Surface, distance: float, rng: np.random.Generator) -> cases.Seeds:
@@ -60,7 +60,7 @@ def main() -> None:
         for _ in range(options.seeds):
             try:
                 flat_map = flattener.flatten(moved(seeds, closed, options.move, rng))
-            except LAFlatteningError as error:
+            except SeedError as error:
                 refused.append(str(error))
                 continue
             folded += len(flat_map.folded_triangles)
@@ -71,6 +71,8 @@ def main() -> None:
             f"refused {len(refused)}; {np.median(seconds):.2f} s in the median, {max(seconds):.2f} s at worst",
             flush=True,
         )
+        if folded:
+            raise SystemExit(f"{folded} folded triangles on {name}")
         for reason in sorted(set(refused)):
             print(f"  refused: {reason}")
 

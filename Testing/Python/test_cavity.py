@@ -119,3 +119,43 @@ def test_everything_marked_as_cover(phantom):
     marked = phantom.surface.with_data({"hole": np.ones(len(phantom.surface.points))})
     with pytest.raises(SurfaceError, match="marks the whole surface"):
         cavity_of(marked, phantom)
+
+
+def test_coincident_points_are_named(phantom):
+    points = phantom.surface.points.copy()
+    a, b = phantom.surface.triangles[500][:2]
+    points[a] = points[b]
+    with pytest.raises(SurfaceError, match=r"at the same place.*Merge coincident points"):
+        cavity_of(broken(phantom.surface, points=points), phantom)
+
+
+def test_triangles_that_share_no_points(phantom):
+    soup = Surface(
+        phantom.surface.points[phantom.surface.triangles].reshape(-1, 3),
+        np.arange(3 * len(phantom.surface.triangles)).reshape(-1, 3),
+    )
+    with pytest.raises(SurfaceError, match="do not share their points: merge coincident points"):
+        cavity_of(soup, phantom)
+
+
+@pytest.mark.parametrize("value", [np.nan, -1.0, 2.0])
+def test_hole_array_with_other_values(phantom, value):
+    hole = np.zeros(len(phantom.surface.points))
+    hole[10] = value
+    with pytest.raises(SurfaceError, match='point array "hole" marks covers with 1'):
+        cavity_of(phantom.surface.with_data({"hole": hole}), phantom)
+
+
+def test_a_map_is_not_an_atrium(phantom, phantom_map):
+    with pytest.raises(SurfaceError, match="looks like a map"):
+        cavity_of(phantom_map.to_surface(), phantom)
+
+
+def test_nearest_place_on_a_cover(phantom):
+    cavity = cavity_of(phantom.surface, phantom)
+    for hole in range(5):
+        corners = cavity.closed.points[cavity.closed.triangles[cavity.cover == hole]]
+        inside = corners.mean(axis=1)[3]
+        normal = np.cross(corners[3, 1] - corners[3, 0], corners[3, 2] - corners[3, 0])
+        off = inside + 0.2 * normal / np.linalg.norm(normal)
+        assert np.linalg.norm(cavity.on_cover(hole, off) - inside) < 0.05

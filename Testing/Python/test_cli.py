@@ -8,7 +8,7 @@ import meshes
 import numpy as np
 import pytest
 
-from LAFlatteningLib import LEFT_ATRIUM, read_surface, write_seeds, write_surface
+from LAFlatteningLib import read_surface, write_seeds, write_surface
 from LAFlatteningLib.cli import main
 from LAFlatteningLib.surface import Surface
 
@@ -99,11 +99,11 @@ def test_info_tells_openings_topology_and_arrays(files, phantom, capsys):
     out = capsys.readouterr().out
     assert "2000 points" in out
     assert "units: probably mm" in out
-    assert "axes: LPS" in out
+    assert "patient axes: LPS" in out
     assert "handles (genus): 0" in out
     assert out.count("opening ") == 6
     longest = max(phantom.surface.loop_length(loop) for loop in phantom.surface.boundary_loops)
-    assert f"opening 1: perimeter {longest:.1f} mm" in out
+    assert f"opening 1: perimeter {longest:.4g} mm" in out
     assert "point array LGE: 100 to 170" in out
 
 
@@ -111,7 +111,9 @@ def test_info_guesses_metres_and_bears_bad_meshes(files, phantom, capsys):
     small = Surface(phantom.surface.points / 1000, phantom.surface.triangles)
     write_surface(small, files / "metres.vtp")
     assert main(["info", str(files / "metres.vtp")]) == 0
-    assert "probably m " in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "probably metres; multiply by 1000" in out
+    assert "mm," not in out.split("opening 1")[1].splitlines()[0]
     write_surface(meshes.tetrahedra_sharing_a_point(), files / "bad.vtp")
     assert main(["info", str(files / "bad.vtp")]) == 0
     assert "not a clean sheet at 1 points" in capsys.readouterr().out
@@ -219,7 +221,7 @@ BAD = {
     "seed duplicated": (duplicate_line, "RSPV"),
     "seed on the wrong opening": (spoil_seeds(lambda s: {**s, "RIPV": s["RSPV"]}), "sit on the same opening"),
     "seed off the surface": (spoil_seeds(lambda s: {**s, "MV1": s["MV1"] + 30.0}), "MV1 is"),
-    "swapped seeds": (spoil_seeds(lambda s: {**s, "RIPV": s["RSPV"], "RSPV": s["RIPV"]}), "look swapped"),
+    "swapped seeds": (spoil_seeds(lambda s: {**s, "LAA": s["LSPV"], "LSPV": s["LAA"]}), "LAA"),
     "mirrored anatomy": (mirror, "anatomy is mirrored"),
     "RAS seeds on an LPS surface": (
         spoil_seeds(lambda s: {k: v * [-1, -1, 1] for k, v in s.items()}),
@@ -269,9 +271,65 @@ def test_unknown_array_for_the_figure_names_the_known(files, capsys):
     assert not (files / "map.vtp").exists()
 
 
-def test_every_seed_of_the_anatomy_is_documented_in_the_help(capsys):
-    with pytest.raises(SystemExit):
-        main(["flatten", "--help"])
-    text = capsys.readouterr().out
-    assert str(len(LEFT_ATRIUM.seeds)) in text
-    assert "label,x_mm,y_mm,z_mm" in text
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--array", "LGE"], "give --figure"),
+        (["--rounding", "half-even"], "belongs to --method paper"),
+        (["--figure", "f.gif"], "gif"),
+        (["--output", "map.stl"], "lose the arrays"),
+        (["--output", "atrium.vtp"], "given twice"),
+        (["--metrics", "seeds.csv"], "given twice"),
+        (["--metrics", "map.vtp"], "given twice"),
+    ],
+)
+def test_contradictory_options_are_refused_and_nothing_is_overwritten(files, capsys, monkeypatch, arguments, message):
+    monkeypatch.chdir(files)
+    before = {path.name: path.read_bytes() for path in files.iterdir()}
+    base = ["flatten", "atrium.vtp", "--seeds", "seeds.csv"]
+    assert main([*base, *([] if "--output" in arguments else ["--output", "map.vtp"]), *arguments]) == 2
+    assert message in capsys.readouterr().err
+    assert {path.name: path.read_bytes() for path in files.iterdir()} == before
+
+
+def test_a_failure_at_the_last_file_writes_none(files, monkeypatch):
+    import LAFlatteningLib.cli as cli
+
+    def fail(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "write_surface", fail)
+    before = sorted(path.name for path in files.iterdir())
+    assert flatten(files, "--metrics", files / "m.json", "--figure", files / "f.png") == 130
+    assert sorted(path.name for path in files.iterdir()) == before
+
+
+def test_surface_in_coordinates_of_its_own(files, phantom, capsys):
+    turn = np.array([-1.0, -1.0, 1.0])
+    write_surface(Surface(phantom.surface.points * turn, phantom.surface.triangles), files / "turned.vtp")
+    write_seeds({label: at * turn for label, at in phantom.seeds.items()}, files / "turned.csv")
+    assert flatten(files, surface="turned.vtp", seeds="turned.csv") == 2
+    assert "--ignore-axes" in capsys.readouterr().err
+    assert flatten(files, "--ignore-axes", surface="turned.vtp", seeds="turned.csv") == 0
+
+
+def test_progress_is_shown_after_a_second_and_not_before(capsys, monkeypatch):
+    from LAFlatteningLib.cli import _Progress
+
+    progress = _Progress(quiet=False)
+    progress(0.1, "Reading")
+    assert capsys.readouterr().err == ""
+    progress._timer.join(timeout=5)
+    assert "Reading" in capsys.readouterr().err
+    progress(0.5, "Flattening")
+    assert "50 %  Flattening" in capsys.readouterr().err
+    progress.clear()
+    quiet = _Progress(quiet=True)
+    quiet(0.5, "Flattening")
+    quiet.clear()
+    assert capsys.readouterr().err == ""
+
+
+def test_map_is_tagged_so_that_slicer_shows_it_upright(files):
+    assert flatten(files) == 0
+    assert read_surface(files / "map.vtp").space == "RAS"

@@ -6,8 +6,9 @@ import pytest
 from LAFlatteningLib.anatomy import LEFT_ATRIUM
 from LAFlatteningLib.cavity.openings import SNAP_LIMIT_MM, make_cavity
 from LAFlatteningLib.constraints import constraints_by_count, constraints_by_length
-from LAFlatteningLib.division import connect_seeds, divide, divide_as_published, label_regions
+from LAFlatteningLib.division import divide, divide_as_published, label_regions
 from LAFlatteningLib.errors import SeedError
+from LAFlatteningLib.seed_paths import WaysAcrossOstia, WaysOverCovers, connect_seeds
 from LAFlatteningLib.seeds import snap_seeds
 from LAFlatteningLib.subcontours import spread_counts, spread_lengths
 from LAFlatteningLib.surface import Surface
@@ -24,7 +25,7 @@ def cavity(phantom):
 @pytest.fixture(scope="module")
 def division(cavity, phantom):
     snapped = snap_seeds(phantom.seeds, cavity, LEFT_ATRIUM)
-    return divide(cavity.surface, connect_seeds(cavity, snapped, LEFT_ATRIUM), TEMPLATE)
+    return divide(cavity.surface, connect_seeds(cavity, snapped, LEFT_ATRIUM, WaysAcrossOstia(cavity)), TEMPLATE)
 
 
 # ---- the sub-contour rule ----
@@ -100,7 +101,7 @@ def test_missing_seed_is_named(cavity, phantom):
 def test_missing_seed_message_shows_what_was_found_instead(cavity, phantom):
     seeds = dict(phantom.seeds)
     seeds["laa"] = seeds.pop("LAA")
-    with pytest.raises(SeedError, match="found instead laa"):
+    with pytest.raises(SeedError, match="found instead 'laa'"):
         snap_seeds(seeds, cavity, LEFT_ATRIUM)
 
 
@@ -142,8 +143,8 @@ def test_seeds_in_metres(cavity, phantom):
         snap_seeds({label: at / 1000 for label, at in phantom.seeds.items()}, cavity, LEFT_ATRIUM)
 
 
-def connect(cavity, seeds):
-    return connect_seeds(cavity, snap_seeds(seeds, cavity, LEFT_ATRIUM), LEFT_ATRIUM)
+def connect(cavity, seeds, ways=WaysAcrossOstia, check_axes=False):
+    return connect_seeds(cavity, snap_seeds(seeds, cavity, LEFT_ATRIUM), LEFT_ATRIUM, ways(cavity), check_axes)
 
 
 @pytest.mark.parametrize(
@@ -166,21 +167,117 @@ def test_mirrored_anatomy_is_recognised(phantom):
         connect(cavity, seeds)
 
 
-def test_exchanged_left_and_right_labels_are_refused(cavity, phantom):
-    pairs = [("RSPV", "LSPV"), ("RIPV", "LIPV"), ("MV1", "MV4"), ("MV2", "MV3")]
-    seeds = dict(phantom.seeds)
-    for a, b in pairs:
-        seeds[a], seeds[b] = phantom.seeds[b], phantom.seeds[a]
+LEFT_RIGHT = {"RSPV": "LSPV", "LSPV": "RSPV", "RIPV": "LIPV", "LIPV": "RIPV"}
+WRONG_LABELS = {
+    "left and right exchanged": LEFT_RIGHT,
+    "left and right exchanged, valve too": {**LEFT_RIGHT, "MV1": "MV4", "MV4": "MV1", "MV2": "MV3", "MV3": "MV2"},
+    "superior and inferior exchanged": {"RSPV": "RIPV", "RIPV": "RSPV", "LSPV": "LIPV", "LIPV": "LSPV"},
+    "veins moved on": {"RSPV": "LSPV", "LSPV": "LIPV", "LIPV": "RIPV", "RIPV": "RSPV"},
+    "veins moved back": {"RSPV": "RIPV", "RIPV": "LIPV", "LIPV": "LSPV", "LSPV": "RSPV"},
+    "turned by half": {"RSPV": "LIPV", "LIPV": "RSPV", "RIPV": "LSPV", "LSPV": "RIPV"},
+}
+
+
+@pytest.mark.parametrize("kind", WRONG_LABELS)
+def test_labels_that_contradict_the_patient_axes_are_refused(cavity, phantom, kind):
+    names = WRONG_LABELS[kind]
+    seeds = {label: phantom.seeds[names.get(label, label)] for label in phantom.seeds}
+    with pytest.raises(SeedError, match=r"By the axes of the surface \(LPS\)|anatomy is mirrored"):
+        connect(cavity, seeds, check_axes=True)
+
+
+@pytest.mark.parametrize("turn", [(-1, -1, 1), (1, -1, -1), (-1, 1, -1)])
+def test_surface_in_other_axes_than_it_says_is_refused(phantom, turn):
+    surface = Surface(phantom.surface.points * turn, phantom.surface.triangles)
+    seeds = {label: at * turn for label, at in phantom.seeds.items()}
+    cavity = make_cavity(surface, LEFT_ATRIUM, np.array([seeds[s] for s in LEFT_ATRIUM.outer_seeds]))
+    connect(cavity, seeds, check_axes=False)
+    with pytest.raises(SeedError, match="save it with its axes named"):
+        connect(cavity, seeds, check_axes=True)
+
+
+def test_axes_check_knows_ras(phantom):
+    turn = np.array([-1, -1, 1])
+    surface = Surface(phantom.surface.points * turn, phantom.surface.triangles, space="RAS")
+    seeds = {label: at * turn for label, at in phantom.seeds.items()}
+    cavity = make_cavity(surface, LEFT_ATRIUM, np.array([seeds[s] for s in LEFT_ATRIUM.outer_seeds]))
+    connect(cavity, seeds, check_axes=True)
+
+
+def test_mirrored_image_with_veins_named_by_side_is_refused(phantom):
+    """What happens on an image flipped left to right: chirality and vein names agree, but not the appendage."""
+    flip = np.array([-1.0, 1.0, 1.0])
+    surface = Surface(phantom.surface.points * flip, phantom.surface.triangles)
+    names = {**LEFT_RIGHT, "MV1": "MV4", "MV4": "MV1", "MV2": "MV3", "MV3": "MV2"}
+    seeds = {label: phantom.seeds[names.get(label, label)] * flip for label in phantom.seeds}
+    cavity = make_cavity(surface, LEFT_ATRIUM, np.array([seeds[s] for s in LEFT_ATRIUM.outer_seeds]))
     with pytest.raises(SeedError):
-        connect(cavity, seeds)
+        connect(cavity, seeds, check_axes=True)
 
 
 @pytest.mark.parametrize("shift", [1, 2, 3])
-def test_mitral_seeds_moved_on_along_the_rim_are_refused(cavity, phantom, shift):
+@pytest.mark.parametrize("ways", [WaysAcrossOstia, WaysOverCovers])
+def test_mitral_seeds_moved_on_along_the_rim_are_named(cavity, phantom, shift, ways):
     order = ["MV1", "MV2", "MV3", "MV4"]
     moved = {label: phantom.seeds[order[(k + shift) % 4]] for k, label in enumerate(order)}
-    with pytest.raises(SeedError):
-        connect(cavity, changed(phantom, **moved))
+    with pytest.raises(SeedError, match="look moved on by"):
+        connect(cavity, changed(phantom, **moved), ways, check_axes=True)
+
+
+def test_mitral_seed_far_from_its_vein_makes_a_note(cavity, phantom):
+    assert connect(cavity, phantom.seeds).notes == ()
+    rim = cavity.surface.points[cavity.outer]
+    halfway = rim[np.linalg.norm(rim - 0.5 * (phantom.seeds["MV2"] + phantom.seeds["MV3"]), axis=1).argmin()]
+    for fraction in (0.5, 0.7, 0.9):
+        target = (1 - fraction) * phantom.seeds["MV3"] + fraction * halfway
+        at = rim[np.linalg.norm(rim - target, axis=1).argmin()]
+        notes = connect(cavity, changed(phantom, MV3=at)).notes
+        if notes:
+            break
+    assert any(note.startswith("MV3 is") and "LIPV" in note for note in notes)
+
+
+def test_feet_are_kept_apart():
+    from LAFlatteningLib.division import _apart
+
+    assert _apart(np.array([0, 0, 0]), 40, 2).tolist() == [0, 2, 4]
+    assert _apart(np.array([0, 39, 39]), 40, 2).tolist() == [0, 36, 38]
+    assert _apart(np.array([0, 10, 25]), 40, 2).tolist() == [0, 10, 25]
+    assert _apart(np.array([0, 0]), 30, 3).tolist() == [0, 3]
+
+
+@pytest.mark.parametrize("label", ["LAA", "RSPV", "LIPV"])
+def test_seed_near_the_rim_of_its_opening_is_taken(phantom, cavity, label):
+    from LAFlatteningLib.flattening import flatten
+
+    hole = snap_seeds(phantom.seeds, cavity, LEFT_ATRIUM).hole[label]
+    for at in cavity.surface.points[cavity.rims[hole]][::5]:
+        flat_map = flatten(phantom.surface, changed(phantom, **{label: 0.9 * at + 0.1 * phantom.seeds[label]}))
+        assert len(flat_map.folded_triangles) == 0
+
+
+@pytest.mark.parametrize("change", ["rotated", "moved", "shuffled", "scaled"])
+def test_the_map_belongs_to_the_shape_alone(phantom, phantom_map, change):
+    """Rigid motion, scale, and the order of points and triangles change nothing but rounding."""
+    from scipy.spatial.transform import Rotation
+
+    from LAFlatteningLib.flattening import flatten
+
+    rotation = Rotation.from_euler("xyz", [5, -10, 8], degrees=True).as_matrix() if change == "rotated" else np.eye(3)
+    scale = 1.3 if change == "scaled" else 1.0
+    shift = np.array([30.0, -500.0, 12.0]) if change == "moved" else np.zeros(3)
+    order = np.arange(len(phantom.surface.points))
+    triangles = phantom.surface.triangles
+    if change == "shuffled":
+        rng = np.random.default_rng(0)
+        rng.shuffle(order)
+        triangles = np.argsort(order)[triangles][rng.permutation(len(triangles))]
+    place = lambda points: scale * points @ rotation.T + shift  # noqa: E731
+    surface = Surface(place(phantom.surface.points)[order], triangles)
+    again = flatten(surface, {label: place(at) for label, at in phantom.seeds.items()})
+    points = np.empty_like(again.points)
+    points[order[again.surface.point_data["surface_point_id"]]] = again.points
+    assert np.abs(points - phantom_map.points).max() < 1e-6
 
 
 @pytest.mark.parametrize("turned", [False, True])
@@ -192,7 +289,7 @@ def test_orientation_of_the_triangles_does_not_matter(phantom, phantom_map, turn
     triangles[slice(None) if turned else some] = triangles[slice(None) if turned else some][:, ::-1]
     again = flatten(Surface(phantom.surface.points, triangles), phantom.seeds)
     assert np.abs(again.points - phantom_map.points).max() < 1e-3
-    assert any("turned" in note for note in again.cavity.notes) or not turned
+    assert [note for note in again.cavity.notes if "turned" in note or "consistent" in note]
 
 
 # ---- paths and regions ----
@@ -288,7 +385,8 @@ def test_constraints_by_length_put_points_on_the_template(division):
 
 def test_constraints_by_count_are_even(cavity, phantom):
     snapped = snap_seeds(phantom.seeds, cavity, LEFT_ATRIUM)
-    division = divide_as_published(cavity, snapped, TEMPLATE, "paper")
+    connected = connect_seeds(cavity, snapped, LEFT_ATRIUM, WaysOverCovers(cavity))
+    division = divide_as_published(cavity.surface, connected, TEMPLATE, "paper")
     constraints = constraints_by_count(division, TEMPLATE, as_printed=True)
     for name in LEFT_ATRIUM.paths:
         at = constraints.path_targets[constraints.path_of == name]

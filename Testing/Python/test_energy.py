@@ -120,3 +120,26 @@ def test_impossible_rims_give_a_fold_error_that_says_where():
     with pytest.raises(FoldError, match=r"stay folded.*mm") as caught:
         untangle(flat, surface.triangles, surface.points, fixed, np.zeros_like(fixed))
     assert caught.value.points
+
+
+def test_descent_from_a_folded_map_without_regularisation_is_refused():
+    surface, fixed = ring()
+    flat = surface.points[:, :2].copy()
+    flat[np.flatnonzero(~fixed)[0]] *= -1
+    with pytest.raises(ValueError, match="without folded triangles"):
+        lower_distortion(flat, surface, ~fixed)
+
+
+def test_energy_does_not_depend_on_how_finely_the_surface_is_meshed():
+    """With triangles weighted by area, a stretched ring has the same energy at two resolutions."""
+    totals = []
+    for rings, around in ((10, 60), (20, 120)):
+        surface = meshes.annulus(20.0, 50.0, rings, around)
+        fixed = np.zeros(len(surface.points), bool)
+        areas = surface.triangle_areas
+        rest = rest_shapes(surface.points, surface.triangles, 1.0)
+        energy = PatchEnergy(surface.points[:, :2] * [1.5, 1.0], surface.triangles, rest, ~fixed, areas)
+        totals.append(energy.value_and_gradient(energy.start(), 0.0)[0] / areas.sum())
+    assert totals[0] == pytest.approx(totals[1], rel=1e-6)
+    # tr(J^T J) = 1.5^2 + 1, det = 1.5.
+    assert totals[0] == pytest.approx((1.5**2 + 1 + 0.01 * (1.5**2 + 1)) / 1.5)

@@ -170,15 +170,17 @@ def test_flat_disk_with_holes_maps_to_itself():
         template, holes={k: dataclasses.replace(rim, spread_feet=False) for k, rim in template.holes.items()}
     )
     surface, seeds = disk_like_the_template(template)
-    flat_map = flatten(surface, seeds, template)
+    flat_map = flatten(surface, seeds, template, check_axes=False)
     ids = flat_map.surface.point_data["surface_point_id"]
     moved = np.linalg.norm(flat_map.points - surface.points[ids, :2] / 100.0, axis=1) / template.radius
     assert np.median(moved) < 0.005
     assert np.percentile(moved, 95) < 0.05
     assert flat_map.metrics["beta"]["median"] > 0.97
-    # The disk seen from behind is another surface: its seeds run the wrong way round.
+    # The same seeds on the disk seen from behind run the wrong way round.
+    turned = {label: at * [-1, 1, 1] for label, at in seeds.items()}
     behind = Surface(surface.points * [-1, 1, 1], surface.triangles[:, ::-1])
-    assert operators.area_vectors(behind.points, behind.triangles)[:, 2].min() > 0
+    with pytest.raises(LAFlatteningError):
+        flatten(behind, turned, template, check_axes=False)
 
 
 def test_map_of_a_flat_disk_is_exact_when_its_rims_and_paths_are():
@@ -418,3 +420,81 @@ def test_notes_say_what_to_look_at(phantom, phantom_map):
     freed = dataclasses.replace(phantom_map, freed_path_points=np.array([3, 4]))
     assert any("2 path points had to leave their lines" in note for note in freed.notes)
     assert freed.metrics["notes"] == list(freed.notes)
+
+
+def test_rim_error_and_path_drift_measure_what_they_say(phantom_map):
+    moved = phantom_map.points.copy()
+    loop = phantom_map.division.loops["LAA"]
+    centre = np.array(phantom_map.template.holes["LAA"].shape.centre)
+    moved[loop[3]] = centre + 1.1 * (moved[loop[3]] - centre)
+    point = phantom_map.constraints.path_ids[5]
+    moved[point] += [0.0, 0.01]
+    other = dataclasses.replace(phantom_map, points=moved)
+    # A tenth of the hole's radius .0405, in disk radii of .5.
+    assert other.rim_error == pytest.approx(0.1 * 0.0405 / 0.5)
+    assert other.path_drift == pytest.approx(0.01 / 0.5)
+
+
+def test_paths_that_meet_do_not_break_the_paper_method(phantom):
+    from LAFlatteningLib.constraints import constraints_by_count
+
+    flat_map = flatten(phantom.surface, phantom.seeds, method="paper")
+    paths = dict(flat_map.division.paths)
+    # Lead s7 over a point of s2.
+    shared = int(paths["s2"][len(paths["s2"]) // 2])
+    paths["s7"] = np.insert(paths["s7"], 3, shared)
+    division = dataclasses.replace(flat_map.division, paths=paths)
+    constraints = constraints_by_count(division, flat_map.template, as_printed=True)
+    assert len(np.unique(constraints.ids)) == len(constraints.ids)
+
+
+def test_a_fold_left_over_is_an_error_not_a_map(phantom, monkeypatch):
+    import LAFlatteningLib.flattening.flattener as module
+    from LAFlatteningLib.errors import FoldError
+
+    def folding(flat, *_):
+        worse = flat.copy()
+        worse[np.argmin(np.linalg.norm(flat, axis=1))] += 0.2
+        return worse
+
+    monkeypatch.setattr(module, "lower_distortion", folding)
+    with pytest.raises(FoldError, match=r"stay folded on the map; the first is at .* mm") as caught:
+        flatten(phantom.surface, phantom.seeds)
+    assert caught.value.points
+
+
+def test_flips_are_counted():
+    """A rim with an ear: one flip, told in the metrics."""
+    phantom = make_phantom(2000)
+    surface = phantom.surface
+    loop = surface.boundary_loops[2]
+    a, b, c = (int(i) for i in loop[[0, 1, 2]])
+    tip = surface.points[[a, b]].mean(axis=0) + 0.3 * (surface.points[loop].mean(axis=0) - surface.points[a]) / 5.0
+    with_ear = Surface(
+        np.concatenate([surface.points, [tip]]), np.concatenate([surface.triangles, [[b, a, len(surface.points)]]])
+    )
+    assert c != a
+    flat_map = flatten(with_ear, phantom.seeds)
+    assert flat_map.flipped_edges == flat_map.metrics["flipped_edges"] == 1
+    check_promises(flat_map)
+
+
+def test_seeds_of_another_rim_rebuild_the_cavity(phantom):
+    flattener = Flattener(phantom.surface)
+    flattener.flatten(phantom.seeds)
+    rim = phantom.surface.boundary_loops[-1]
+    crowd = {f"MV{k + 1}": phantom.surface.points[rim[k * len(rim) // 4]] for k in range(4)}
+    with pytest.raises(LAFlatteningError):
+        flattener.flatten({**phantom.seeds, **crowd})
+    assert np.isfinite(flattener.flatten(phantom.seeds).points).all()
+
+
+@pytest.mark.parametrize("name", ["ct_shape_model_1"])
+def test_regional_on_a_ct_atrium(data_dir, name):
+    import sys
+
+    sys.path.insert(0, str(data_dir.__class__(__file__).resolve().parents[1] / "Benchmarks"))
+    from cases import seeds_by_rule
+
+    surface = read_surface(data_dir / "labelled" / f"{name}.vtp")
+    check_promises(flatten(surface, seeds_by_rule(surface)))

@@ -196,5 +196,5 @@ def test_no_algorithm_names_a_vein():
     names = re.compile(r"\b(RSPV|RIPV|LIPV|LSPV|LAA|MV[1-4]?|s[1-9])\b")
     for path in folder.rglob("*.py"):
         if path.name != "anatomy.py" and path.parent.name != "phantom":
-            found = [line for line in path.read_text().splitlines() if names.search(line)]
+            found = [line for line in path.read_text(encoding="utf-8").splitlines() if names.search(line)]
             assert not found, f"{path.name}: {found[0].strip()}"
