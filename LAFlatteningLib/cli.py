@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from . import topology
 from ._version import __version__
 from .cavity.openings import HOLE_ARRAY, guess_unit
 from .errors import InputFileError, LAFlatteningError
@@ -307,10 +308,9 @@ def _info(options: argparse.Namespace, progress: _Progress) -> None:
         loops = surface.boundary_loops
         print(f"handles (genus): {surface.genus}")
     for number, loop in enumerate(sorted(loops, key=surface.loop_length, reverse=True), start=1):
-        centre = ", ".join(f"{x:.1f}" for x in surface.points[loop].mean(axis=0))
-        print(
-            f"opening {number}: perimeter {surface.loop_length(loop):.1f} mm, {len(loop)} points, centre ({centre}) mm"
-        )
+        centre = ", ".join(f"{x:.4g}" for x in surface.points[loop].mean(axis=0))
+        length = f"{surface.loop_length(loop):.4g} {unit}"
+        print(f"opening {number}: perimeter {length}, {len(loop)} points, centre ({centre})")
     if not loops and surface.is_manifold:
         print("openings: none (closed surface)")
     if HOLE_ARRAY in surface.point_data:

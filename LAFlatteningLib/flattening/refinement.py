@@ -10,7 +10,7 @@ from ..progress import ProgressCallback, report
 from ..surface import FloatArray, IntArray, Surface
 from .energy import PatchEnergy, descend, rest_shapes
 
-STEPS = (4, 4, 10)
+STEPS = (4, 4, 10, 10)
 """Quasi-Newton steps between making the preconditioner anew from the map as it is by then. Their number is fixed,
 so that the map does not jump as a seed moves. The energy is then within 1 % of its minimum."""
 
