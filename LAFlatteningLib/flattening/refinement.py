@@ -11,8 +11,9 @@ from ..surface import FloatArray, IntArray, Surface
 from .energy import PatchEnergy, descend, rest_shapes
 
 STEPS = (4, 4, 10, 10)
-"""Quasi-Newton steps between making the preconditioner anew from the map as it is by then. Their number is fixed,
-so that the map does not jump as a seed moves. The energy is then within 1 % of its minimum."""
+"""Quasi-Newton steps between making the preconditioner anew from the map as it is by then."""
+ENOUGH = 1e-3
+"""Stop after steps that together lower the energy by less than this share of it."""
 
 
 def lower_distortion(
@@ -45,11 +46,15 @@ def lower_distortion(
         surface.edges,
     )
     variables = energy.start()
+    value, _ = energy.value_and_gradient(variables, 0.0)
     for number, steps in enumerate(STEPS):
         report(progress, number / len(STEPS), "Lowering the distortion")
         preconditioner = energy.preconditioner(variables, order)
         order = preconditioner.order
         variables, _ = descend(energy, variables, 0.0, preconditioner, steps, tolerance=0.0)
+        before, (value, _) = value, energy.value_and_gradient(variables, 0.0)
+        if before - value < ENOUGH * value:
+            break
     result = flat.copy()
     result[energy.ids] = variables
     return result
