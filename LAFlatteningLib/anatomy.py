@@ -30,8 +30,8 @@ class Anatomy:
         chamber. The foot of the first path stays where it is when feet are spread more evenly.
     regions : region number -> the paths that bound it.
     region_names : region number -> what a clinician calls it.
-    directions : "left" and "superior" -> pairs of groups of holes, the first of which lies on that side of the second
-        in every patient. Empty where the anatomy says nothing about it.
+    directions : "left", "superior", "anterior" -> pairs of groups of holes, the first of which lies on that side
+        of the second in every patient. Empty where the anatomy says nothing about it.
     """
 
     name: str
@@ -243,6 +243,7 @@ LEFT_ATRIUM = Anatomy(
     directions={
         "left": ((("LSPV", "LIPV"), ("RSPV", "RIPV")), (("LAA",), ("RSPV", "RIPV"))),
         "superior": ((("LSPV", "RSPV"), ("LIPV", "RIPV")),),
+        "anterior": ((("LAA",), ("LSPV", "LIPV")),),
     },
 )
 """The nine seeds, nine paths and five regions of Nunez-Garcia et al., section II-A2."""

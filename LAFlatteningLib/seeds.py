@@ -147,7 +147,7 @@ def snap_seeds(seeds: Mapping[str, FloatArray], cavity: Cavity, anatomy: Anatomy
 
 
 def check_directions(positions: Mapping[str, FloatArray], space: str, anatomy: Anatomy) -> None:
-    """Check that seeds lie to the left of, and above, each other as in every patient.
+    """Check that seeds lie to the left of, above and before each other as in every patient.
 
     Parameters
     ----------
@@ -157,7 +157,13 @@ def check_directions(positions: Mapping[str, FloatArray], space: str, anatomy: A
     ------
     SeedError : labels exchanged or moved on, or a surface in other axes than it says.
     """
-    axes = {"left": np.array([1.0 if space == "LPS" else -1.0, 0.0, 0.0]), "superior": np.array([0.0, 0.0, 1.0])}
+    turn = 1.0 if space == "LPS" else -1.0
+    axes = {
+        "left": np.array([turn, 0.0, 0.0]),
+        "anterior": np.array([0.0, -turn, 0.0]),
+        "superior": np.array([0.0, 0.0, 1.0]),
+    }
+    opposite = {"left": "right of", "anterior": "posterior of", "superior": "below"}
     for side, pairs in anatomy.directions.items():
         for first, second in pairs:
             apart = np.mean([positions[hole] for hole in first], axis=0) - np.mean(
@@ -165,11 +171,10 @@ def check_directions(positions: Mapping[str, FloatArray], space: str, anatomy: A
             )
             cosine = float(apart @ axes[side]) / float(np.linalg.norm(apart))
             if cosine < SMALLEST_COSINE:
-                where = "right of" if side == "left" else "below"
-                found = f"lie {where}" if cosine < -SMALLEST_COSINE else f"do not lie {side} of"
+                found = opposite[side] if cosine < -SMALLEST_COSINE else "beside"
                 raise SeedError(
-                    f"By the axes of the surface ({space}), {' and '.join(first)} {found} {' and '.join(second)}; "
-                    f"expected {side}. Either seeds have each other's labels, or the image was mirrored, or the "
+                    f"By the axes of the surface ({space}), {' and '.join(first)} should lie {side} of "
+                    f"{' and '.join(second)}; found {found} them. Either seeds have each other's labels, or the image was mirrored, or the "
                     f"surface is in other axes than {space}: then save it with its axes named (SPACE=RAS or "
                     "SPACE=LPS). If its coordinates are no patient axes at all, switch this check off (--ignore-axes).",
                     (*first, *second),

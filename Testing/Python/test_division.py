@@ -174,6 +174,7 @@ WRONG_LABELS = {
     "superior and inferior exchanged": {"RSPV": "RIPV", "RIPV": "RSPV", "LSPV": "LIPV", "LIPV": "LSPV"},
     "veins moved on": {"RSPV": "LSPV", "LSPV": "LIPV", "LIPV": "RIPV", "RIPV": "RSPV"},
     "veins moved back": {"RSPV": "RIPV", "RIPV": "LIPV", "LIPV": "LSPV", "LSPV": "RSPV"},
+    "left side moved on": {"LAA": "LIPV", "LIPV": "LSPV", "LSPV": "LAA"},
     "turned by half": {"RSPV": "LIPV", "LIPV": "RSPV", "RIPV": "LSPV", "LSPV": "RIPV"},
 }
 
