@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -174,14 +174,20 @@ def check_directions(positions: Mapping[str, FloatArray], space: str, anatomy: A
                 found = opposite[side] if cosine < -SMALLEST_COSINE else "beside"
                 raise SeedError(
                     f"By the axes of the surface ({space}), {' and '.join(first)} should lie {side} of "
-                    f"{' and '.join(second)}; found {found} them. Either seeds have each other's labels, or the image was mirrored, or the "
-                    f"surface is in other axes than {space}: then save it with its axes named (SPACE=RAS or "
+                    f"{' and '.join(second)}; found {found} them. Either seeds have each other's "
+                    f"labels, or the image was mirrored, or the surface is in other axes than {space}: then save it with its axes named (SPACE=RAS or "
                     "SPACE=LPS). If its coordinates are no patient axes at all, switch this check off (--ignore-axes).",
                     (*first, *second),
                 )
 
 
-def _explain_far_seeds(seeds, far, cavity, anatomy, distance) -> None:  # type: ignore[no-untyped-def]
+def _explain_far_seeds(
+    seeds: Mapping[str, FloatArray],
+    far: tuple[str, ...],
+    cavity: Cavity,
+    anatomy: Anatomy,
+    distance: Callable[[FloatArray, str], float],
+) -> None:
     """Raise the SeedError that says why seeds are far from where they belong."""
     space, other_space = cavity.closed.space, "RAS" if cavity.closed.space == "LPS" else "LPS"
 
