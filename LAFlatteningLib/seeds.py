@@ -174,10 +174,10 @@ def check_directions(positions: Mapping[str, FloatArray], space: str, anatomy: A
                 found = opposite[side] if cosine < -SMALLEST_COSINE else "beside"
                 raise SeedError(
                     f"By the axes of the surface ({space}), {' and '.join(first)} should lie {side} of "
-                    f"{' and '.join(second)}; found {found} them. Either seeds have each other's "
-                    f"labels, or the image was mirrored, or the surface is in other axes than {space}: then save it "
-                    "with its axes named (SPACE=RAS or SPACE=LPS). If its coordinates are no patient axes at all, switch "
-                    "this check off (--ignore-axes).",
+                    f"{' and '.join(second)}; found {found} them. Either seeds have each other's labels, or the "
+                    f"image was mirrored, or the surface is in other axes than {space}: then save it with its axes "
+                    "named (SPACE=RAS or SPACE=LPS). If its coordinates are no patient axes at all, switch this "
+                    "check off (--ignore-axes).",
                     (*first, *second),
                 )
 
