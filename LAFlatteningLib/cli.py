@@ -18,7 +18,8 @@ import numpy as np
 
 from . import topology
 from ._version import __version__
-from .cavity.openings import HOLE_ARRAY, guess_unit
+from .cavity.covers import HOLE_ARRAY
+from .cavity.openings import guess_unit
 from .errors import InputFileError, LAFlatteningError
 from .figures import check_figure_path, draw_figure
 from .files import atomic_write, check_writable, read_seeds, read_surface, write_seeds, write_surface

@@ -20,7 +20,7 @@ DETOUR = 1.5
 """A path that must go this much farther (plus `DETOUR_MM`) to keep clear of the others shows misplaced seeds."""
 DETOUR_MM = 5.0
 SMALLEST_ARC = 0.05
-"""Feet on a rim are kept apart by this share of its points."""
+"""Feet on the rim of a hole are kept apart by this share of its points (method ``regional``)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,9 +46,16 @@ class Division:
 
 
 def _place_feet(
-    surface: Surface, connected: SeedPaths, template: Template, new_feet: Callable[[str, IntArray, IntArray], IntArray]
+    connected: SeedPaths,
+    template: Template,
+    new_feet: Callable[[str, IntArray, IntArray], IntArray],
+    smallest_arc: float = 0.0,
 ) -> tuple[dict[str, IntArray], dict[str, IntArray]]:
-    """Start every loop at its first foot and displace the others by `new_feet(opening, loop, indices)`."""
+    """Start every loop at its first foot and displace the others by `new_feet(opening, loop, indices)`.
+
+    Feet on holes are kept `smallest_arc` (a share of the rim's points) apart. Those on the outer rim are seeds and
+    stay where the user put them.
+    """
     anatomy = template.anatomy
     loops, feet = {}, {}
     for opening in anatomy.openings:
@@ -63,7 +70,8 @@ def _place_feet(
                 f"The rim of {opening} has {len(loop)} points; expected at least {2 * len(index)} for its {len(index)} "
                 "paths. Use a finer mesh."
             )
-        index = _apart(index, len(loop), max(1, round(SMALLEST_ARC * len(loop))))
+        share = 0.0 if opening == anatomy.outer else smallest_arc
+        index = _apart(index, len(loop), max(1, round(share * len(loop))))
         loops[opening], feet[opening] = loop, index
     return loops, feet
 
@@ -101,7 +109,7 @@ def divide_as_published(surface: Surface, connected: SeedPaths, template: Templa
         shares = template.rim(opening).shares(anatomy.feet(opening))
         return np.concatenate([[0], np.cumsum(spread_counts(arcs, shares, rounding))[:-1]])
 
-    loops, feet = _place_feet(surface, connected, template, new_feet)
+    loops, feet = _place_feet(connected, template, new_feet)
     foot = _foot_ids(anatomy, loops, feet)
     paths = {}
     for name, (a, b) in anatomy.paths.items():
@@ -133,7 +141,7 @@ def divide(surface: Surface, connected: SeedPaths, template: Template) -> Divisi
         nearest = np.abs(at[None, :-1] - wanted[:, None]).argmin(axis=1)
         return np.concatenate([[0], nearest])
 
-    loops, feet = _place_feet(surface, connected, template, new_feet)
+    loops, feet = _place_feet(connected, template, new_feet, SMALLEST_ARC)
     foot = _foot_ids(anatomy, loops, feet)
     router = _Router(surface, np.concatenate(list(loops.values())))
     ends = {

@@ -97,8 +97,6 @@ class WaysAcrossOstia:
 
     def __init__(self, cavity: Cavity) -> None:
         self._cavity = cavity
-        self._number = np.full(len(cavity.closed.points), -1, np.int64)
-        self._number[cavity.ids] = np.arange(len(cavity.ids))
         self._trees: dict[int, PathTree] = {}
 
     def _across(self, seeds: SnappedSeeds, hole: str) -> tuple[IntArray, np.ndarray]:
@@ -128,7 +126,7 @@ class WaysAcrossOstia:
         """The cavity point where the path from one seed to another ends or enters the ostium, and its length, mm."""
         tree = self._tree(seeds, start)
         if end not in seeds.hole:
-            point = int(self._number[seeds.ids[end]])
+            point = int(self._cavity.number[seeds.ids[end]])
             return point, float(tree.distance[point])
         rim, far = self._across(seeds, end)
         total = tree.distance[rim] + far
@@ -178,8 +176,7 @@ def connect_seeds(
 
 
 def _connect(cavity: Cavity, seeds: SnappedSeeds, anatomy: Anatomy, ways: Ways) -> SeedPaths:
-    number = np.full(len(cavity.closed.points), -1, np.int64)
-    number[cavity.ids] = np.arange(len(cavity.ids))
+    number = cavity.number
     loops = {hole: cavity.rims[seeds.hole[hole]][::-1] for hole in anatomy.holes}
     loops[anatomy.outer] = cavity.outer
     feet: dict[str, dict[str, int]] = {opening: {} for opening in anatomy.openings}

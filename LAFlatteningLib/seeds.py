@@ -14,7 +14,7 @@ from .errors import SeedError
 from .surface import FloatArray
 
 SMALLEST_COSINE = 0.3
-"""Cosine of the angle with the patient axis that a direction of `Anatomy.directions` must have (0.75 to 1 on the
+"""Cosine of the angle with the patient axis that a direction of `Anatomy.directions` must have (0.65 to 1 on the
 atria that we have)."""
 LARGEST_COORDINATE_MM = 1e6
 """No seed is farther from the origin."""
@@ -95,7 +95,7 @@ def snap_seeds(seeds: Mapping[str, FloatArray], cavity: Cavity, anatomy: Anatomy
         when the cause is a mix-up of RAS and LPS or of units; two seeds on one opening or one rim point.
     """
     seeds = check_labels(seeds, anatomy)
-    covers = [cavity.cover_points(k) for k in range(len(cavity.rims))]
+    covers = cavity.cover_points
     cover_tree = cKDTree(cavity.closed.points[np.concatenate(covers)])
     cover_of = np.repeat(np.arange(len(covers)), [len(points) for points in covers])
     cover_ids = np.concatenate(covers)

@@ -28,6 +28,9 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 Fairing = Literal["membrane", "thin-plate"]
 
+HOLE_ARRAY = "hole"
+"""Point array that marks the inner points of covers with 1."""
+
 
 def cover_rim(
     points: FloatArray,
@@ -120,15 +123,15 @@ def close_rims(
         raise LAFlatteningError(f"Expected a name for each of the {len(rims)} rims, found {len(names)} names.")
     n = len(surface.points)
     hole = np.zeros(n, np.uint8)
-    if "hole" in surface.point_data:
-        hole = (np.asarray(surface.point_data["hole"]).reshape(n, -1) != 0).any(axis=1).astype(np.uint8)
+    if HOLE_ARRAY in surface.point_data:
+        hole = (np.asarray(surface.point_data[HOLE_ARRAY]).reshape(n, -1) != 0).any(axis=1).astype(np.uint8)
     if len(rims) == 0:
-        return surface.with_data({"hole": hole}), np.full(len(surface.triangles), -1, np.int64)
+        return surface.with_data({HOLE_ARRAY: hole}), np.full(len(surface.triangles), -1, np.int64)
     rims = _checked_rims(surface.points, rims, names)
     covers = _cover(surface.points, rims, surface.triangles, fairing, names)
     added = len(covers.triangles)
     point_data = _continue_on_covers(surface, rims, covers)
-    point_data["hole"] = np.append(hole, np.ones(len(covers.inner), np.uint8))
+    point_data[HOLE_ARRAY] = np.append(hole, np.ones(len(covers.inner), np.uint8))
     cell_data = {key: np.concatenate([values, _neutral(values, added)]) for key, values in surface.cell_data.items()}
     closed = Surface(
         np.concatenate([surface.points, covers.inner]),

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from .. import operators
-from ..solvers import Factorisation
+from ..solvers import harmonic
 from .patches import Patches
 
 FloatArray = NDArray[np.float64]
@@ -37,11 +37,7 @@ def harmonic_weights(points: FloatArray, triangles: IntArray, uniform: bool = Fa
 
 def solve_held(matrix: sparse.csr_matrix, unknown: BoolArray, values: FloatArray) -> FloatArray:
     """Values (n, c) with those of the unknown rows replaced so that these rows of matrix @ values are 0."""
-    rows = matrix[unknown]
-    system = Factorisation(rows[:, unknown])
-    result = values.copy()
-    result[unknown] = system.solve(-(rows[:, ~unknown] @ values[~unknown]))
-    return result
+    return harmonic(matrix, np.flatnonzero(~unknown), values[~unknown])[0]
 
 
 def fair_membrane(patches: Patches) -> None:

@@ -15,10 +15,8 @@ from .. import topology
 from ..anatomy import Anatomy
 from ..errors import SurfaceError
 from ..surface import FloatArray, IntArray, Surface
-from .covers import close_rims
+from .covers import HOLE_ARRAY, close_rims
 
-HOLE_ARRAY = "hole"
-"""Point array that marks the inner points of covers with 1."""
 POINT_ID_ARRAY = "surface_point_id"
 """Point array of the cavity: id of the point in the surface that was given."""
 
@@ -53,10 +51,18 @@ class Cavity:
     outer: IntArray
     notes: tuple[str, ...] = ()
 
-    def cover_points(self, hole: int) -> IntArray:
-        """Ids in `closed` of the points inside a cover (its rim left out)."""
-        points = np.unique(self.closed.triangles[self.cover == hole])
-        return points[~np.isin(points, self.ids)]
+    @cached_property
+    def number(self) -> IntArray:
+        """(points of `closed`,) their ids in `surface`, -1 inside covers."""
+        number = np.full(len(self.closed.points), -1, np.int64)
+        number[self.ids] = np.arange(len(self.ids))
+        return number
+
+    @cached_property
+    def cover_points(self) -> tuple[IntArray, ...]:
+        """For each hole, ids in `closed` of the points inside its cover (the rim left out)."""
+        covers = [np.unique(self.closed.triangles[self.cover == hole]) for hole in range(len(self.rims))]
+        return tuple(points[self.number[points] < 0] for points in covers)
 
     def on_cover(self, hole: int, position: FloatArray) -> FloatArray:
         """The place on a cover nearest to a position, (3,) mm, in a triangle or on its border."""

@@ -10,17 +10,7 @@ import argparse
 import cases
 import numpy as np
 
-from LAFlatteningLib import Flattener, SeedError, Surface
-
-
-def moved(seeds: cases.Seeds, surface: Surface, distance: float, rng: np.random.Generator) -> cases.Seeds:
-    """Seeds moved by a distance (mm) in random directions and put back on the surface."""
-    result = {}
-    for label, at in seeds.items():
-        step = rng.standard_normal(3)
-        target = at + distance * step / np.linalg.norm(step)
-        result[label] = surface.points[np.linalg.norm(surface.points - target, axis=1).argmin()]
-    return result
+from LAFlatteningLib import Flattener, SeedError
 
 
 def main() -> None:
@@ -59,7 +49,7 @@ def main() -> None:
         seconds, refused = [], []
         for _ in range(options.seeds):
             try:
-                flat_map = flattener.flatten(moved(seeds, closed, options.move, rng))
+                flat_map = flattener.flatten(cases.moved(seeds, closed, options.move, rng))
             except SeedError as error:
                 refused.append(str(error))
                 continue

@@ -51,3 +51,13 @@ def seeds_by_rule(surface: Surface) -> Seeds:
         distance = dijkstra(surface.edge_graph, indices=rims[opening], min_only=True)
         seeds[seed] = surface.points[valve[distance[valve].argmin()]]
     return seeds
+
+
+def moved(seeds: Seeds, surface: Surface, distance: float, rng: np.random.Generator) -> Seeds:
+    """Seeds moved by a distance (mm) in random directions and put back on the surface."""
+    result = {}
+    for label, at in seeds.items():
+        step = rng.standard_normal(3)
+        target = at + distance * step / np.linalg.norm(step)
+        result[label] = surface.points[np.linalg.norm(surface.points - target, axis=1).argmin()]
+    return result

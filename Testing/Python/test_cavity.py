@@ -26,7 +26,7 @@ def test_open_atrium_keeps_points_and_order(phantom):
     assert cavity.closed.is_oriented
     assert len(cavity.rims) == 5
     for hole, rim in enumerate(cavity.rims):
-        assert len(cavity.cover_points(hole)) > 0
+        assert len(cavity.cover_points[hole]) > 0
         # The rim of the cavity is the rim of its cover.
         cover = np.unique(cavity.closed.triangles[cavity.cover == hole])
         assert set(cavity.ids[rim].tolist()) <= set(cover.tolist())

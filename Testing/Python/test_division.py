@@ -84,7 +84,7 @@ def test_seeds_snap_to_their_own_openings(cavity, phantom):
     for label in LEFT_ATRIUM.outer_seeds:
         assert snapped.ids[label] in outer
     for label in LEFT_ATRIUM.holes:
-        assert snapped.ids[label] in cavity.cover_points(snapped.hole[label])
+        assert snapped.ids[label] in cavity.cover_points[snapped.hole[label]]
 
 
 def changed(phantom, **moves):
@@ -236,6 +236,48 @@ def test_mitral_seed_far_from_its_vein_makes_a_note(cavity, phantom):
         if notes:
             break
     assert any(note.startswith("MV3 is") and "LIPV" in note for note in notes)
+
+
+def test_mitral_seeds_close_together_stay_where_they_are(phantom, cavity):
+    """Only feet on holes are moved apart: a seed on the outer rim is the user's own."""
+    at = int(np.linalg.norm(cavity.surface.points[cavity.outer] - phantom.seeds["MV1"], axis=1).argmin())
+    # The outer rim runs counter-clockwise on the map, from MV2 to MV1.
+    close = int(cavity.outer[at - 1])
+    connected = connect(cavity, changed(phantom, MV2=cavity.surface.points[close]))
+    division = divide(cavity.surface, connected, TEMPLATE)
+    loop, feet = division.loops["MV"], division.feet["MV"]
+    order = LEFT_ATRIUM.feet("MV")
+    assert loop[feet[order.index("s6")]] == close
+    assert loop[feet[order.index("s5")]] == cavity.outer[at]
+
+
+def test_a_taken_line_is_gone_round():
+    import meshes
+
+    from LAFlatteningLib.division import _Router
+
+    surface = meshes.grid(7, 7, 6.0, 6.0)
+    wall = np.array([21 + k for k in range(1, 7)])  # the middle row, but for its first point
+    router = _Router(surface, np.zeros(0, np.int64))
+    assert len(np.intersect1d(router.path(3, 45), wall)) > 0
+    router.block(wall)
+    around = router.path(3, 45)
+    assert 21 in around
+    assert len(np.intersect1d(around, wall)) == 0
+    # A taken point can still be an end.
+    assert router.path(3, 24)[-1] == 24
+    router.block(np.array([21]))
+    assert router.path(3, 45) is None
+
+
+def test_seed_a_little_beyond_the_limit(cavity, phantom):
+    rim = cavity.surface.points[cavity.rims[snap_seeds(phantom.seeds, cavity, LEFT_ATRIUM).hole["RSPV"]]]
+    across = np.cross(rim[0] - rim.mean(axis=0), rim[len(rim) // 4] - rim.mean(axis=0))
+    across /= np.linalg.norm(across)
+    near, far = (phantom.seeds["RSPV"] + side * across for side in (SNAP_LIMIT_MM - 1.5, SNAP_LIMIT_MM + 1.5))
+    snap_seeds(changed(phantom, RSPV=near), cavity, LEFT_ATRIUM)
+    with pytest.raises(SeedError, match="RSPV is"):
+        snap_seeds(changed(phantom, RSPV=far), cavity, LEFT_ATRIUM)
 
 
 def test_feet_are_kept_apart():

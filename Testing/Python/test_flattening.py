@@ -5,6 +5,7 @@ import dataclasses
 import meshes
 import numpy as np
 import pytest
+from cases import moved, seeds_by_rule
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
@@ -220,16 +221,6 @@ def test_phantom_maps_without_folds(points):
 @pytest.mark.parametrize("template", ["adapted1", "adapted2", "population"])
 def test_every_template_maps_without_folds(phantom, template):
     check_promises(flatten(phantom.surface, phantom.seeds, template))
-
-
-def moved(seeds, surface, distance, rng):
-    """Seeds moved by a distance in random directions, then put back on the surface."""
-    result = {}
-    for label, at in seeds.items():
-        step = rng.standard_normal(3)
-        target = at + distance * step / np.linalg.norm(step)
-        result[label] = surface.points[np.linalg.norm(surface.points - target, axis=1).argmin()]
-    return result
 
 
 def test_random_seeds_map_without_folds(phantom):
@@ -491,10 +482,5 @@ def test_seeds_of_another_rim_rebuild_the_cavity(phantom):
 
 @pytest.mark.parametrize("name", ["ct_shape_model_1"])
 def test_regional_on_a_ct_atrium(data_dir, name):
-    import sys
-
-    sys.path.insert(0, str(data_dir.__class__(__file__).resolve().parents[1] / "Benchmarks"))
-    from cases import seeds_by_rule
-
     surface = read_surface(data_dir / "labelled" / f"{name}.vtp")
     check_promises(flatten(surface, seeds_by_rule(surface)))
