@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from . import topology
 from .anatomy import Anatomy
-from .errors import SeedError, SurfaceError, TemplateError
+from .errors import SurfaceError, TemplateError
 from .geodesics import PathTree
-from .seed_paths import SeedPaths, path_length
-from .subcontours import spread_counts, spread_lengths
+from .seed_paths import SeedPaths, Walk
+from .subcontours import spread_counts
 from .surface import IntArray, Surface
 from .template import Template
-
-DETOUR = 1.5
-"""A path that must go this much farther (plus `DETOUR_MM`) to keep clear of the others shows misplaced seeds."""
-DETOUR_MM = 5.0
-SMALLEST_ARC = 0.05
-"""Feet on the rim of a hole are kept apart by this share of its points (method ``regional``)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,65 +23,23 @@ class Division:
 
     Attributes
     ----------
-    surface : the cavity.
+    surface : the cavity; in the method ``regional`` with its triangles cut along the paths, so that its first points
+        are those of the cavity and the others lie on edges of the cavity.
     loops : opening -> its rim as point ids, counter-clockwise on the map, starting at the first foot.
-    feet : opening -> index in the loop of each foot, in the order of `Anatomy.feet`, increasing from 0.
+    feet : opening -> indices in the loop of the feet, in the order of `Anatomy.feet`.
     paths : path -> point ids from foot to foot, feet included.
+    walks : path -> the way from seed to seed that gave the feet.
+    parent : (triangles of `surface`,) the triangle of the cavity of which each is a part.
     notes : what is unusual about the seeds.
-    seed_paths : the same paths from seed to seed, as ids of `Cavity.closed`.
     """
 
     surface: Surface
     loops: Mapping[str, IntArray]
     feet: Mapping[str, IntArray]
     paths: Mapping[str, IntArray]
-    seed_paths: Mapping[str, IntArray]
+    walks: Mapping[str, Walk]
+    parent: IntArray
     notes: tuple[str, ...] = ()
-
-
-def _place_feet(
-    connected: SeedPaths,
-    template: Template,
-    new_feet: Callable[[str, IntArray, IntArray], IntArray],
-    smallest_arc: float = 0.0,
-) -> tuple[dict[str, IntArray], dict[str, IntArray]]:
-    """Start every loop at its first foot and displace the others by `new_feet(opening, loop, indices)`.
-
-    Feet on holes are kept `smallest_arc` (a share of the rim's points) apart. Those on the outer rim are seeds and
-    stay where the user put them.
-    """
-    anatomy = template.anatomy
-    loops, feet = {}, {}
-    for opening in anatomy.openings:
-        order = anatomy.feet(opening)
-        start = connected.feet[opening][order[0]]
-        loop = np.roll(connected.loops[opening], -start)
-        index = np.array([(connected.feet[opening][name] - start) % len(loop) for name in order], np.int64)
-        if template.rim(opening).spread_feet:
-            index = new_feet(opening, loop, index)
-        if len(loop) < 2 * len(index):
-            raise SurfaceError(
-                f"The rim of {opening} has {len(loop)} points; expected at least {2 * len(index)} for its {len(index)} "
-                "paths. Use a finer mesh."
-            )
-        share = 0.0 if opening == anatomy.outer else smallest_arc
-        index = _apart(index, len(loop), max(1, round(share * len(loop))))
-        loops[opening], feet[opening] = loop, index
-    return loops, feet
-
-
-def _apart(index: IntArray, n: int, least: int) -> IntArray:
-    """Feet (increasing from 0 on a rim of n points) moved as little as needed to be `least` points apart.
-
-    The seed of a hole may sit so near its rim that all paths leave it at one point.
-    """
-    index = index.copy()
-    for k in range(1, len(index)):
-        index[k] = max(index[k], index[k - 1] + least)
-    index[-1] = min(index[-1], n - least)
-    for k in range(len(index) - 2, 0, -1):
-        index[k] = min(index[k], index[k + 1] - least)
-    return index
 
 
 def divide_as_published(surface: Surface, connected: SeedPaths, template: Template, rounding: str) -> Division:
@@ -98,18 +50,28 @@ def divide_as_published(surface: Surface, connected: SeedPaths, template: Templa
     rounding : see `subcontours.ROUNDINGS`.
     """
     anatomy = template.anatomy
-
-    def new_feet(opening: str, loop: IntArray, index: IntArray) -> IntArray:
-        arcs = np.diff(np.append(index, len(loop))).tolist()
-        if len(arcs) != 3:
-            raise TemplateError(
-                f"holes.{opening}.spread_feet: the published rule is for three paths, found {len(arcs)}. Set it to "
-                "false, or use the method regional."
+    loops, feet = {}, {}
+    for opening in anatomy.openings:
+        order = anatomy.feet(opening)
+        start = int(connected.feet[opening][order[0]])
+        loop = np.roll(connected.loops[opening], -start)
+        index = np.array([(connected.feet[opening][name] - start) % len(loop) for name in order]).astype(np.int64)
+        if template.rim(opening).spread_feet:
+            arcs = np.diff(np.append(index, len(loop))).tolist()
+            if len(arcs) != 3:
+                raise TemplateError(
+                    f"holes.{opening}.spread_feet: the published rule is for three paths, found {len(arcs)}. Set it to "
+                    "false, or use the method regional."
+                )
+            index = np.concatenate(
+                [[0], np.cumsum(spread_counts(arcs, template.rim(opening).shares(order), rounding))[:-1]]
             )
-        shares = template.rim(opening).shares(anatomy.feet(opening))
-        return np.concatenate([[0], np.cumsum(spread_counts(arcs, shares, rounding))[:-1]])
-
-    loops, feet = _place_feet(connected, template, new_feet)
+        if len(loop) < 2 * len(index):
+            raise SurfaceError(
+                f"The rim of {opening} has {len(loop)} points; the published rule needs at least {2 * len(index)} for "
+                f"its {len(index)} paths. Use the method regional, or a finer mesh."
+            )
+        loops[opening], feet[opening] = loop, _apart(index, len(loop))
     foot = _foot_ids(anatomy, loops, feet)
     paths = {}
     for name, (a, b) in anatomy.paths.items():
@@ -118,62 +80,19 @@ def divide_as_published(surface: Surface, connected: SeedPaths, template: Templa
         if ids is None:
             raise SurfaceError(f"No path {name} from {a} to {b} on the open cavity: it is not connected.")
         paths[name] = ids
-    return Division(surface, loops, feet, paths, connected.paths, connected.notes)
+    whole = np.arange(len(surface.triangles))
+    return Division(surface, loops, feet, paths, connected.walks, whole, connected.notes)
 
 
-def divide(surface: Surface, connected: SeedPaths, template: Template) -> Division:
-    """Rims and paths stated in lengths, every path clear of all rims and of the other paths.
-
-    Parameters
-    ----------
-    surface : the cavity (`Cavity.surface`, or the same points with some edges flipped).
-
-    Raises
-    ------
-    SeedError : if a path has to go far out of its way, or cannot pass at all.
-    """
-    anatomy = template.anatomy
-
-    def new_feet(opening: str, loop: IntArray, index: IntArray) -> IntArray:
-        at = _positions(surface, loop)
-        arcs = np.diff(at[np.append(index, len(loop))])
-        wanted = np.cumsum(spread_lengths(arcs, template.rim(opening).shares(anatomy.feet(opening))))[:-1]
-        nearest = np.abs(at[None, :-1] - wanted[:, None]).argmin(axis=1)
-        return np.concatenate([[0], nearest])
-
-    loops, feet = _place_feet(connected, template, new_feet, SMALLEST_ARC)
-    foot = _foot_ids(anatomy, loops, feet)
-    router = _Router(surface, np.concatenate(list(loops.values())))
-    ends = {
-        name: (foot[anatomy.opening_of(a), name], foot[anatomy.opening_of(b), name])
-        for name, (a, b) in anatomy.paths.items()
-    }
-    direct = {}
-    for name, pair in ends.items():
-        # Seldom much longer than from seed to seed; if it is, look farther.
-        near = DETOUR * connected.lengths[name] + DETOUR_MM
-        direct[name] = router.path(*pair, limit=near)
-        if direct[name] is None:
-            direct[name] = router.path(*pair)
-    length = {name: np.inf if ids is None else path_length(surface, ids) for name, ids in direct.items()}
-    paths: dict[str, IntArray] = {}
-    # The shortest have the least room to give way.
-    for name in sorted(anatomy.paths, key=lambda path: length[path]):
-        ids = direct[name]
-        if ids is None or router.is_blocked(ids[1:-1]):
-            ids = router.path(*ends[name])
-        if ids is None or path_length(surface, ids) > DETOUR * length[name] + DETOUR_MM:
-            a, b = anatomy.paths[name]
-            raise SeedError(
-                f"Path {name} from {a} to {b} is cut off by a rim or by other paths ({', '.join(paths) or 'none'}). "
-                f"Check seeds {a} and {b} and their neighbours.",
-                (a, b),
-            )
-        paths[name] = ids
-        router.block(ids)
-    return Division(
-        surface, loops, feet, {name: paths[name] for name in anatomy.paths}, connected.paths, connected.notes
-    )
+def _apart(index: IntArray, n: int) -> IntArray:
+    """Feet (increasing from 0 on a rim of n points) moved as little as needed to be at different points."""
+    index = index.copy()
+    for k in range(1, len(index)):
+        index[k] = max(index[k], index[k - 1] + 1)
+    index[-1] = min(index[-1], n - 1)
+    for k in range(len(index) - 2, 0, -1):
+        index[k] = min(index[k], index[k + 1] - 1)
+    return index
 
 
 def _foot_ids(
@@ -184,39 +103,6 @@ def _foot_ids(
         for opening in anatomy.openings
         for name, index in zip(anatomy.feet(opening), feet[opening], strict=True)
     }
-
-
-def _positions(surface: Surface, loop: IntArray) -> np.ndarray:
-    """Length along a rim from its first point to each point, and once round, (k + 1,) mm."""
-    steps = np.linalg.norm(surface.points[np.roll(loop, -1)] - surface.points[loop], axis=1)
-    return np.concatenate([[0.0], np.cumsum(steps)])
-
-
-class _Router:
-    """Shortest edge paths that do not pass through points already taken."""
-
-    def __init__(self, surface: Surface, taken: IntArray) -> None:
-        self._graph = surface.edge_graph.copy()
-        self._weights = self._graph.data.copy()
-        self._taken = np.zeros(len(surface.points), bool)
-        self.block(taken)
-
-    def block(self, ids: IntArray) -> None:
-        self._taken[ids] = True
-        # No way out of a taken point: it can be reached, as a target, but not passed.
-        for i in ids:
-            self._graph.data[self._graph.indptr[i] : self._graph.indptr[i + 1]] = np.inf
-
-    def is_blocked(self, ids: IntArray) -> bool:
-        return bool(self._taken[ids].any())
-
-    def path(self, start: int, end: int, limit: float = np.inf) -> IntArray | None:
-        way_out = slice(self._graph.indptr[start], self._graph.indptr[start + 1])
-        self._graph.data[way_out] = self._weights[way_out]
-        try:
-            return PathTree(self._graph, start, limit).to(end)
-        finally:
-            self._graph.data[way_out] = np.inf
 
 
 def label_regions(division: Division, anatomy: Anatomy) -> IntArray:

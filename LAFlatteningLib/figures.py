@@ -8,6 +8,7 @@ Which colours are used, and why, is said in `LAFlatteningLib.shading`.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,7 @@ import numpy as np
 
 from . import distortion
 from ._version import __version__
+from .division import label_regions
 from .errors import InputFileError, LAFlatteningError
 from .files import atomic_write
 from .flattening.flat_map import FlatMap
@@ -22,6 +24,7 @@ from .shading import (
     NO_VALUE,
     OPPOSITE,
     FloatArray,
+    IntArray,
     Paint,
     Raster,
     View,
@@ -33,6 +36,7 @@ from .shading import (
     shade,
     standard_view,
 )
+from .surface import Surface
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -96,7 +100,9 @@ def make_figure(flat_map: FlatMap, *, array: str | None = None, title: str | Non
     _require_matplotlib()
     anatomy, surface = flat_map.template.anatomy, flat_map.surface
     array = default_array(surface) if array is None else array
-    paint = region_paint(flat_map.regions, anatomy) if array is None else array_paint(surface, array)
+    # Regions end at the paths, which cross triangles; arrays belong to the points of the cavity.
+    mesh = _Drawn.cut(flat_map) if array is None else _Drawn.whole(flat_map)
+    paint = region_paint(mesh.regions, anatomy) if array is None else array_paint(surface, array)
     chamber = anatomy.name.replace("_", " ").capitalize()
     figure = _new_page(flat_map, title or f"{chamber} and its standard map: {paint.label}")
     views = [standard_view(name, surface.space) for name in ("posterior", "anterior")]
@@ -109,10 +115,11 @@ def make_figure(flat_map: FlatMap, *, array: str | None = None, title: str | Non
         low = 0.5 * (frame.min(axis=0) + frame.max(axis=0)) - 0.5 * mm_per_inch * size
         columns, rows = (int(count) for count in np.round(size * VIEW_DOTS_PER_INCH))
         pixel = mm_per_inch / VIEW_DOTS_PER_INCH
-        raster = rasterise(view.project(surface.points), surface.triangles, low[0], low[1], pixel, (rows, columns))
-        _draw_view(axes, flat_map, paint, view, raster, mm_per_inch)
+        projected = view.project(mesh.surface.points)
+        raster = rasterise(projected, mesh.surface.triangles, low[0], low[1], pixel, (rows, columns))
+        _draw_view(axes, flat_map, mesh, paint, view, raster, mm_per_inch)
     axes = _add_axes(figure, "map", (4.6, 1.3, 5.75, 5.75))
-    _draw_map(axes, flat_map, paint, _map_raster(flat_map))
+    _draw_map(axes, flat_map, mesh, paint, _map_raster(mesh))
     _heading(axes, f"Map, seen from outside (outer rim: {anatomy.openings[anatomy.outer]})", 0.45)
     _legend(axes, paint)
     _colour_bar(_add_axes(figure, "colours", (10.5, 1.75, 0.17, 4.7)), paint, "vertical")
@@ -137,6 +144,7 @@ def make_distortion_figure(flat_map: FlatMap) -> Figure:
     from matplotlib.colors import LogNorm, Normalize
 
     figure = _new_page(flat_map, "How much the map changes areas and angles")
+    drawn = _Drawn.whole(flat_map)
     mesh = (flat_map.surface.points, flat_map.triangles, flat_map.points)
     quoted = distortion.summary(*mesh)
     a, b = quoted["alpha"], quoted["beta"]
@@ -156,13 +164,13 @@ def make_distortion_figure(flat_map: FlatMap) -> Figure:
     beta_heading = "Isotropy β: smallest over largest stretch"
     beta_numbers = f"median {b['median']:.2f}, mean {b['mean']:.2f}, 5 %: {b['p5']:.2f}"
     alpha_bins, beta_bins = 2.0 ** np.linspace(-octaves, octaves, 49), np.linspace(0.0, 1.0, 49)
-    raster = _map_raster(flat_map)
+    raster = _map_raster(drawn)
     for left, name, heading, paint, bins, numbers in (
         (0.95, "alpha", alpha_heading, alpha_paint, alpha_bins, alpha_numbers),
         (6.75, "beta", beta_heading, beta_paint, beta_bins, beta_numbers),
     ):
         axes = _add_axes(figure, name, (left, 2.95, 4.3, 4.3))
-        _draw_map(axes, flat_map, paint, raster)
+        _draw_map(axes, flat_map, drawn, paint, raster)
         _heading(axes, heading, 0.2)
         _colour_bar(_add_axes(figure, f"{name} colours", (left, 0.98, 4.3, 0.12)), paint, "horizontal")
         _histogram(_add_axes(figure, f"{name} histogram", (left, 1.15, 4.3, 0.95)), paint, bins, numbers)
@@ -172,17 +180,41 @@ def make_distortion_figure(flat_map: FlatMap) -> Figure:
 # ---- the atrium ------------------------------------------------------------------------------------------------------
 
 
-def _draw_view(axes: Axes, flat_map: FlatMap, paint: Paint, view: View, raster: Raster, mm_per_inch: float) -> None:
+@dataclass(frozen=True, eq=False)
+class _Drawn:
+    """The mesh that is drawn: surface, map positions of its points, region of each triangle."""
+
+    surface: Surface
+    flat: FloatArray
+    regions: IntArray
+
+    @classmethod
+    def whole(cls, flat_map: FlatMap) -> _Drawn:
+        """The triangles of the cavity."""
+        return cls(flat_map.surface, flat_map.points, flat_map.regions)
+
+    @classmethod
+    def cut(cls, flat_map: FlatMap) -> _Drawn:
+        """The triangles as the paths cut them."""
+        regions = label_regions(flat_map.division, flat_map.template.anatomy)
+        return cls(flat_map.division.surface, flat_map.solution, regions)
+
+
+def _draw_view(
+    axes: Axes, flat_map: FlatMap, mesh: _Drawn, paint: Paint, view: View, raster: Raster, mm_per_inch: float
+) -> None:
     """The atrium with its paths, rims, seeds and names; page units are mm."""
-    division, surface, outer = flat_map.division, flat_map.surface, flat_map.template.anatomy.outer
-    normals = view.project(surface.point_normals)
+    division, outer = flat_map.division, flat_map.template.anatomy.outer
+    normals = view.project(mesh.surface.point_normals)
+    line_points = view.project(division.surface.points)
+    line_normals = view.project(division.surface.point_normals)
     colours = np.where(raster.front[:, None], paint.rgb(raster), INSIDE)
     _show(axes, raster, shade(raster, colours, raster.interpolate(normals)))
     left, right, bottom, top = raster.extent
     axes.set(xlim=(left, right), ylim=(bottom, top), xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
     for ids in division.paths.values():
-        _line(axes, raster.visible_part(ids, normals), BORDER_COLOUR, 1.1)
+        _line(axes, raster.visible_part(line_points[ids], line_normals[ids]), BORDER_COLOUR, 1.1)
     marks = (
         ((0.01, 0.5), OPPOSITE[view.right]),
         ((0.99, 0.5), view.right),
@@ -190,22 +222,23 @@ def _draw_view(axes: Axes, flat_map: FlatMap, paint: Paint, view: View, raster: 
         ((0.5, 0.03), OPPOSITE[view.up]),
     )
     small = np.array([0.1, 0.08]) * mm_per_inch
-    seeds = view.project(flat_map.cavity.closed.points[list(flat_map.seeds.ids.values())])
+    seeds = view.project(np.array(list(flat_map.seeds.positions.values())))
     seeds = seeds[raster.is_visible(seeds), :2]
     # What is written keeps clear of these: centres and half sizes.
     boxes = [(np.array([left + at[0] * (right - left), bottom + at[1] * (top - bottom)]), small) for at, _ in marks]
     boxes += [(seed, 0.4 * small) for seed in seeds]
-    for region, (place, room) in raster.inmost_places(flat_map.regions, raster.front).items():
+    for region, (place, room) in raster.inmost_places(mesh.regions, raster.front).items():
         if room > 0.13 * mm_per_inch:
             _text(axes, place, f"R{region}", SMALL_SIZE, weight="bold", halo=True)
             boxes.append((place, small))
     for opening, loop in division.loops.items():
-        rim = raster.projected[loop]
+        rim = line_points[loop]
         outward = np.cross(rim - rim.mean(axis=0), np.roll(rim, -1, axis=0) - rim.mean(axis=0)).sum(axis=0)
         # Seen from outside, holes run counter-clockwise and the outer rim clockwise.
         outward *= (-1.0 if opening == outer else 1.0) / np.linalg.norm(outward)
         # Into an opening that faces the viewer one sees its whole rim; of others, the side towards the viewer.
-        line = raster.visible_part(np.append(loop, loop[0]), normals if outward[2] < -0.2 else None)
+        closed = np.append(loop, loop[0])
+        line = raster.visible_part(line_points[closed], line_normals[closed] if outward[2] < -0.2 else None)
         _line(axes, line, RIM_COLOUR, 1.6)
         if np.isfinite(line[:, 0]).mean() > 0.4:
             half = np.array([0.035 * len(opening) + 0.04, 0.075]) * mm_per_inch
@@ -248,23 +281,23 @@ def _free_place(
 # ---- the map ---------------------------------------------------------------------------------------------------------
 
 
-def _map_raster(flat_map: FlatMap) -> Raster:
-    low, high = flat_map.points.min(axis=0), flat_map.points.max(axis=0)
+def _map_raster(mesh: _Drawn) -> Raster:
+    low, high = mesh.flat.min(axis=0), mesh.flat.max(axis=0)
     pixel = float((high - low).max()) / MAP_DOTS
     columns, rows = (int(count) for count in np.ceil((high - low) / pixel))
-    return rasterise(flat_map.points, flat_map.triangles, low[0], low[1], pixel, (rows, columns))
+    return rasterise(mesh.flat, mesh.surface.triangles, low[0], low[1], pixel, (rows, columns))
 
 
-def _draw_map(axes: Axes, flat_map: FlatMap, paint: Paint, raster: Raster) -> None:
+def _draw_map(axes: Axes, flat_map: FlatMap, mesh: _Drawn, paint: Paint, raster: Raster) -> None:
     """The map with its paths, rims, seeds and names; page units are map units."""
-    template, division, flat = flat_map.template, flat_map.division, flat_map.points
+    template, division, flat = flat_map.template, flat_map.division, flat_map.solution
     anatomy, radius = template.anatomy, template.radius
     _show(axes, raster, paint.rgb(raster))
     for ids in division.paths.values():
         _line(axes, flat[ids], BORDER_COLOUR, 1.3)
     for ids in division.loops.values():
         _line(axes, flat[np.append(ids, ids[0])], RIM_COLOUR, 2.2)
-    for region, (place, _) in raster.inmost_places(flat_map.regions, raster.front).items():
+    for region, (place, _) in raster.inmost_places(mesh.regions, raster.front).items():
         _text(axes, place, f"R{region}", HEADING_SIZE, weight="bold", halo=True)
     for opening in anatomy.holes:
         shape, order = template.rim(opening).shape, anatomy.feet(opening)
@@ -276,11 +309,10 @@ def _draw_map(axes: Axes, flat_map: FlatMap, paint: Paint, raster: Raster) -> No
         room = np.abs(outward) @ (0.016 * len(opening) + 0.035, 0.06) * radius
         _text(axes, outline + room * outward, opening, TEXT_SIZE, weight="bold", halo=True)
         _seeds(axes, np.array([shape.centre]))
-    number = np.full(len(flat_map.cavity.closed.points), -1)
-    number[flat_map.cavity.ids] = np.arange(len(flat_map.cavity.ids))
     centre = np.array(template.outer.shape.centre)
-    for seed in anatomy.outer_seeds:
-        place = flat[number[flat_map.seeds.ids[seed]]]
+    feet = division.loops[anatomy.outer][division.feet[anatomy.outer]]
+    for seed, foot in zip(anatomy.outer_seeds, feet, strict=True):
+        place = flat[foot]
         _seeds(axes, place[None])
         outward = (place - centre) / np.linalg.norm(place - centre)
         _text(axes, place + np.abs(outward) @ (0.085, 0.055) * radius * outward, seed, SMALL_SIZE)

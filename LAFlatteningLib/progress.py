@@ -40,10 +40,10 @@ class Stopwatch:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Time what is done inside the ``with`` block."""
+        """Time what is done inside the ``with`` block, in addition to what the stage has taken already."""
         began = time.perf_counter()
         yield
-        self.seconds[name] = time.perf_counter() - began
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - began
 
     def stop(self) -> dict[str, float]:
         """Note the total time since the watch was made; returns `seconds`."""

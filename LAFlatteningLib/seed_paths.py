@@ -8,20 +8,49 @@ from itertools import combinations
 from typing import Protocol
 
 import numpy as np
-from scipy import sparse
 
 from .anatomy import Anatomy
 from .cavity.openings import Cavity
 from .errors import SeedError, SurfaceError
+from .geodesic_lines import Line
 from .geodesics import PathTree
 from .seeds import SnappedSeeds, check_directions
-from .surface import IntArray, Surface
+from .surface import FloatArray, IntArray, Surface
 
 ROTATED = 1.15
 """Outer seeds are taken for moved on along the rim if all of them, moved on, would have paths shorter by this factor.
 (Seeds of experts never do; moved on by one place, their paths get longer by 1.2 at least.)"""
+SAME_FOOT = 1e-6
+"""Feet nearer to each other than this, in steps from point to point of the rim, are one."""
 FAR_SEED = 1.25
 """An outer seed whose path is longer than the shortest way to the rim by this factor makes a note (experts': 1.08)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Walk:
+    """A way from one seed to another.
+
+    Attributes
+    ----------
+    length : mm.
+    feet : where it leaves the rim at its first and its last seed: two neighbouring points of the rim (ids of the
+        cavity) and the share of the way from one to the other; or one point, twice, and 0.
+    positions : (k, 3) mm, from seed to seed.
+    ids : for ways along edges: point ids in `Cavity.closed`.
+    line, strip : for ways across triangles: the part over the cavity from foot to foot, and the half-edges it crosses.
+    """
+
+    length: float
+    feet: tuple[tuple[int, int, float], tuple[int, int, float]]
+    positions: FloatArray
+    ids: IntArray | None = None
+    line: Line | None = None
+    strip: tuple[int, ...] = ()
+
+    def reversed(self) -> Walk:
+        """The same way from its last seed to its first; `line` and `strip` stay as they are."""
+        ids = None if self.ids is None else self.ids[::-1]
+        return replace(self, feet=self.feet[::-1], positions=self.positions[::-1], ids=ids)
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,29 +59,35 @@ class SeedPaths:
 
     Attributes
     ----------
-    paths : path -> point ids in `Cavity.closed`, from the first seed to the second.
-    lengths : path -> its length, mm.
-    notes : what is unusual about the seeds.
+    walks : path -> the way from the first seed to the second.
     loops : opening -> its rim as ids of the cavity, counter-clockwise on the map.
-    feet : opening -> path -> index in the loop of the point where the path leaves the cover (or of the seed,
-        on the outer rim).
+    feet : opening -> path -> where the path leaves the cover (or where the seed is, on the outer rim): index in the
+        loop, plus the share of the way to its next point.
+    notes : what is unusual about the seeds.
     """
 
-    paths: Mapping[str, IntArray]
-    lengths: Mapping[str, float]
+    walks: Mapping[str, Walk]
     loops: Mapping[str, IntArray]
-    feet: Mapping[str, Mapping[str, int]]
+    feet: Mapping[str, Mapping[str, float]]
     notes: tuple[str, ...] = ()
+
+    @property
+    def lengths(self) -> dict[str, float]:
+        """Path -> its length, mm."""
+        return {name: walk.length for name, walk in self.walks.items()}
 
 
 class Ways(Protocol):
     """A way of going from the seed of a hole to other seeds."""
 
-    def path(self, seeds: SnappedSeeds, start: str, end: str) -> IntArray | None:
-        """Point ids in `Cavity.closed` from one seed to another; None if there is no way."""
+    def walk(self, seeds: SnappedSeeds, start: str, end: str) -> Walk | None:
+        """The shortest way from the seed of a hole to another seed; None if there is no way."""
+
+    def crossing(self, walks: Mapping[str, Walk]) -> set[frozenset[str]]:
+        """The pairs of walks that cross."""
 
     def distance(self, seeds: SnappedSeeds, start: str, end: str) -> float:
-        """Length of that path, mm."""
+        """Length of the shortest path along edges from one seed to the other, mm."""
 
     def to_outer_rim(self, seeds: SnappedSeeds, start: str) -> float:
         """Length of the shortest path to any point of the outer rim, mm."""
@@ -65,6 +100,7 @@ class WaysOverCovers:
     """
 
     def __init__(self, cavity: Cavity) -> None:
+        self._cavity = cavity
         self._graph = cavity.closed.edge_graph
         self._outer = cavity.ids[cavity.outer]
         self._trees: dict[int, PathTree] = {}
@@ -75,9 +111,24 @@ class WaysOverCovers:
             self._trees[source] = PathTree(self._graph, source)
         return self._trees[source]
 
-    def path(self, seeds: SnappedSeeds, start: str, end: str) -> IntArray | None:
+    def walk(self, seeds: SnappedSeeds, start: str, end: str) -> Walk | None:
         """See `Ways`."""
-        return self._tree(seeds, start).to(seeds.ids[end])
+        ids = self._tree(seeds, start).to(seeds.ids[end])
+        if ids is None:
+            return None
+        on_cavity = self._cavity.number[ids]
+        feet = [int(on_cavity[np.argmax(on_cavity >= 0)]), int(on_cavity[::-1][np.argmax(on_cavity[::-1] >= 0)])]
+        return Walk(
+            self.distance(seeds, start, end),
+            ((feet[0], feet[0], 0.0), (feet[1], feet[1], 0.0)),
+            self._cavity.closed.points[ids],
+            ids,
+        )
+
+    def crossing(self, walks: Mapping[str, Walk]) -> set[frozenset[str]]:
+        """See `Ways`."""
+        ids = {name: set(walk.ids.tolist()) for name, walk in walks.items() if walk.ids is not None}
+        return {frozenset((a, b)) for a, b in combinations(ids, 2) if ids[a] & ids[b]}
 
     def distance(self, seeds: SnappedSeeds, start: str, end: str) -> float:
         """See `Ways`."""
@@ -86,69 +137,6 @@ class WaysOverCovers:
     def to_outer_rim(self, seeds: SnappedSeeds, start: str) -> float:
         """See `Ways`."""
         return float(self._tree(seeds, start).distance[self._outer].min())
-
-
-class WaysAcrossOstia:
-    """Straight from a seed to its rim, then along the edges of the open cavity, whichever rim point makes it shortest.
-
-    An ostium is nearly flat, so that the straight line is what a path over a perfect cover would be, and the
-    triangles of the cover do not matter. No path leads across another ostium.
-    """
-
-    def __init__(self, cavity: Cavity) -> None:
-        self._cavity = cavity
-        self._trees: dict[int, PathTree] = {}
-
-    def _across(self, seeds: SnappedSeeds, hole: str) -> tuple[IntArray, np.ndarray]:
-        """The rim of a hole as cavity ids, and how far each of its points is from the seed, mm."""
-        rim = self._cavity.rims[seeds.hole[hole]]
-        return rim, np.linalg.norm(self._cavity.surface.points[rim] - seeds.positions[hole], axis=1)
-
-    def _tree(self, seeds: SnappedSeeds, start: str) -> PathTree:
-        key = seeds.ids[start]
-        if key not in self._trees:
-            # The seed is one more node, with edges out to its rim and none back in.
-            graph = self._cavity.surface.edge_graph
-            n = graph.shape[0]
-            rim, far = self._across(seeds, start)
-            extended = sparse.csr_matrix(
-                (
-                    np.append(graph.data, far),
-                    np.append(graph.indices, rim),
-                    np.append(graph.indptr, graph.nnz + len(rim)),
-                ),
-                shape=(n + 1, n + 1),
-            )
-            self._trees[key] = PathTree(extended, n)
-        return self._trees[key]
-
-    def _last(self, seeds: SnappedSeeds, start: str, end: str) -> tuple[int, float]:
-        """The cavity point where the path from one seed to another ends or enters the ostium, and its length, mm."""
-        tree = self._tree(seeds, start)
-        if end not in seeds.hole:
-            point = int(self._cavity.number[seeds.ids[end]])
-            return point, float(tree.distance[point])
-        rim, far = self._across(seeds, end)
-        total = tree.distance[rim] + far
-        return int(rim[total.argmin()]), float(total.min())
-
-    def path(self, seeds: SnappedSeeds, start: str, end: str) -> IntArray | None:
-        """See `Ways`."""
-        last, _ = self._last(seeds, start, end)
-        walk = self._tree(seeds, start).to(last)
-        if walk is None:
-            return None
-        inner = self._cavity.ids[walk[1:]]
-        ends = ([seeds.ids[start]], inner, [seeds.ids[end]] if end in seeds.hole else [])
-        return np.concatenate(ends).astype(np.int64)
-
-    def distance(self, seeds: SnappedSeeds, start: str, end: str) -> float:
-        """See `Ways`."""
-        return self._last(seeds, start, end)[1]
-
-    def to_outer_rim(self, seeds: SnappedSeeds, start: str) -> float:
-        """See `Ways`."""
-        return float(self._tree(seeds, start).distance[self._cavity.outer].min())
 
 
 def connect_seeds(
@@ -169,37 +157,44 @@ def connect_seeds(
     _check_not_mirrored(result, anatomy)
     if check_axes:
         check_directions(seeds.positions, cavity.closed.space, anatomy)
-    if _misplaced(result, anatomy):
+    if _misplaced(result, anatomy, ways):
         _explain(cavity, seeds, anatomy, ways, result)
     _check_rotation(seeds, anatomy, ways)
     return replace(result, notes=_far_seeds(seeds, anatomy, ways))
 
 
 def _connect(cavity: Cavity, seeds: SnappedSeeds, anatomy: Anatomy, ways: Ways) -> SeedPaths:
-    number = cavity.number
     loops = {hole: cavity.rims[seeds.hole[hole]][::-1] for hole in anatomy.holes}
     loops[anatomy.outer] = cavity.outer
-    feet: dict[str, dict[str, int]] = {opening: {} for opening in anatomy.openings}
-    paths = {}
-    lengths = {}
+    feet: dict[str, dict[str, float]] = {opening: {} for opening in anatomy.openings}
+    walks = {}
     for name, (a, b) in anatomy.paths.items():
         forward = a in seeds.hole
-        start, end = (a, b) if forward else (b, a)
-        ids = ways.path(seeds, start, end)
-        if ids is None:
+        walk = ways.walk(seeds, a, b) if forward else ways.walk(seeds, b, a)
+        if walk is None:
             raise SurfaceError(f"No path {name} from {a} to {b} on the surface: it is not connected.")
-        lengths[name] = ways.distance(seeds, start, end)
-        paths[name] = ids if forward else ids[::-1]
-        for seed, walk in ((a, paths[name]), (b, paths[name][::-1])):
+        walks[name] = walk if forward else walk.reversed()
+        for seed, foot in zip((a, b), walks[name].feet, strict=True):
             opening = anatomy.opening_of(seed)
-            leaves = walk[np.argmax(number[walk] >= 0)]
-            index = np.flatnonzero(loops[opening] == number[leaves])
-            if len(index) == 0:
+            at = _coordinate(loops[opening], *foot)
+            if at is None:
                 raise SurfaceError(
                     f"Path {name} does not leave {opening} through its rim; check the cover of {opening}."
                 )
-            feet[opening][name] = int(index[0])
-    return SeedPaths(paths, lengths, loops, feet)
+            feet[opening][name] = at
+    return SeedPaths(walks, loops, feet)
+
+
+def _coordinate(loop: IntArray, a: int, b: int, share: float) -> float | None:
+    """Index in a loop plus share of the way to the next point, for a place between two of its points."""
+    index = np.flatnonzero(loop == a)
+    if not len(index):
+        return None
+    if share == 0.0:
+        return float(index[0])
+    if loop[(index[0] + 1) % len(loop)] == b:
+        return float(index[0]) + share
+    return float((index[0] - 1) % len(loop)) + 1.0 - share
 
 
 def _out_of_order(paths: SeedPaths, anatomy: Anatomy, step: int = 1) -> list[str]:
@@ -209,24 +204,24 @@ def _out_of_order(paths: SeedPaths, anatomy: Anatomy, step: int = 1) -> list[str
         order = anatomy.feet(opening)[::step]
         n = len(paths.loops[opening])
         at = [paths.feet[opening][name] for name in order]
-        # Two paths may share a foot on a coarse rim: an angle of 0 between them is allowed, once round is not.
-        turns = sum((after - before) % n for before, after in zip(at, at[1:] + at[:1], strict=True))
-        if turns > n:
+        # Two paths may share a foot: an angle of 0 between them is allowed, once round is not.
+        steps = ((after - before) % n for before, after in zip(at, at[1:] + at[:1], strict=True))
+        if sum(step for step in steps if step < n - SAME_FOOT) > 1.5 * n:
             wrong.append(opening)
     return wrong
 
 
-def _crossings(paths: SeedPaths, anatomy: Anatomy) -> list[tuple[str, str]]:
-    """Pairs of paths without a common seed that meet."""
+def _crossings(paths: SeedPaths, anatomy: Anatomy, ways: Ways) -> list[frozenset[str]]:
+    """Pairs of paths without a common seed that cross."""
     return [
-        (a, b)
-        for a, b in combinations(anatomy.paths, 2)
-        if not set(anatomy.paths[a]) & set(anatomy.paths[b]) and np.intersect1d(paths.paths[a], paths.paths[b]).size
+        pair
+        for pair in ways.crossing(paths.walks)
+        if not set.intersection(*(set(anatomy.paths[name]) for name in pair))
     ]
 
 
-def _misplaced(paths: SeedPaths, anatomy: Anatomy) -> bool:
-    return bool(_out_of_order(paths, anatomy)) or bool(_crossings(paths, anatomy))
+def _misplaced(paths: SeedPaths, anatomy: Anatomy, ways: Ways) -> bool:
+    return bool(_out_of_order(paths, anatomy)) or bool(_crossings(paths, anatomy, ways))
 
 
 def _check_not_mirrored(paths: SeedPaths, anatomy: Anatomy) -> None:
@@ -251,7 +246,7 @@ def _explain(cavity: Cavity, seeds: SnappedSeeds, anatomy: Anatomy, ways: Ways, 
     for a, b in (pair for kind in kinds for pair in combinations(kind, 2)):
         renamed = seeds.renamed({a: b, b: a})
         attempt = _connect(cavity, renamed, anatomy, ways)
-        if not _misplaced(attempt, anatomy) and _shift(renamed, anatomy, ways)[0] == 0:
+        if not _misplaced(attempt, anatomy, ways) and _shift(renamed, anatomy, ways)[0] == 0:
             length = sum(attempt.lengths.values())
             candidates.append((length, a, b))
     if candidates:

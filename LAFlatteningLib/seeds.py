@@ -16,6 +16,8 @@ from .surface import FloatArray
 SMALLEST_COSINE = 0.3
 """Cosine of the angle with the patient axis that a direction of `Anatomy.directions` must have (0.65 to 1 on the
 atria that we have)."""
+SAME_PLACE_MM = 0.01
+"""Two seeds nearer to each other than this are at one place."""
 LARGEST_COORDINATE_MM = 1e6
 """No seed is farther from the origin."""
 
@@ -29,13 +31,15 @@ class SnappedSeeds:
     ids : seed -> point id in `Cavity.closed`.
     hole : hole -> number of its rim and cover in the `Cavity`.
     moved_mm : seed -> how far that point is from where the seed was.
-    positions : seed -> (3,) the nearest place on its cover, not tied to a point of it; or its point on the outer rim.
+    positions : seed -> (3,) the nearest place on its cover or on the outer rim, not tied to a point of it, mm.
+    outer_at : outer seed -> where that is along `Cavity.outer`: index, plus the share of the way to the next point.
     """
 
     ids: Mapping[str, int]
     hole: Mapping[str, int]
     moved_mm: Mapping[str, float]
     positions: Mapping[str, FloatArray]
+    outer_at: Mapping[str, float]
 
     def renamed(self, names: Mapping[str, str]) -> SnappedSeeds:
         """The same places with other labels: label -> the label whose place it takes."""
@@ -45,6 +49,7 @@ class SnappedSeeds:
             {label: self.hole[source[label]] for label in self.hole},
             {label: self.moved_mm[source[label]] for label in self.moved_mm},
             {label: self.positions[source[label]] for label in self.positions},
+            {label: self.outer_at[source[label]] for label in self.outer_at},
         )
 
 
@@ -112,16 +117,17 @@ def snap_seeds(seeds: Mapping[str, FloatArray], cavity: Cavity, anatomy: Anatomy
     hole: dict[str, int] = {}
     moved: dict[str, float] = {}
     positions: dict[str, FloatArray] = {}
+    outer_at: dict[str, float] = {}
     for label, position in seeds.items():
         if label in anatomy.outer_seeds:
-            moved[label], nearest = (value.item() for value in map(np.asarray, outer_tree.query(position)))
-            ids[label] = int(outer_ids[nearest])
-            positions[label] = cavity.closed.points[ids[label]]
-            for other in anatomy.outer_seeds:
-                if other != label and ids.get(other) == ids[label]:
+            ids[label] = int(outer_ids[outer_tree.query(position)[1]])
+            outer_at[label], positions[label] = _nearest_on_rim(cavity, position)
+            moved[label] = float(np.linalg.norm(positions[label] - position))
+            for other in outer_at:
+                if other != label and np.linalg.norm(positions[other] - positions[label]) < SAME_PLACE_MM:
                     raise SeedError(
-                        f"Seeds {other} and {label} sit on the same point of the {anatomy.outer} rim; expected "
-                        f"{len(anatomy.outer_seeds)} different points. Move one of them along the rim.",
+                        f"Seeds {other} and {label} sit on the same place of the {anatomy.outer} rim; expected "
+                        f"{len(anatomy.outer_seeds)} different places. Move one of them along the rim.",
                         (other, label),
                     )
         else:
@@ -143,7 +149,18 @@ def snap_seeds(seeds: Mapping[str, FloatArray], cavity: Cavity, anatomy: Anatomy
                 f"The opening near {empty} mm has none: move one of them there.",
                 (label, rivals[0]),
             )
-    return SnappedSeeds(ids, hole, moved, positions)
+    return SnappedSeeds(ids, hole, moved, positions, outer_at)
+
+
+def _nearest_on_rim(cavity: Cavity, position: FloatArray) -> tuple[float, FloatArray]:
+    """The place on the outer rim nearest to a position: its coordinate along the rim, and (3,) mm."""
+    rim = cavity.surface.points[cavity.outer]
+    step = np.roll(rim, -1, axis=0) - rim
+    along = np.einsum("ij,ij->i", position - rim, step) / np.einsum("ij,ij->i", step, step)
+    places = rim + np.clip(along, 0.0, 1.0)[:, None] * step
+    k = int(np.linalg.norm(places - position, axis=1).argmin())
+    share = float(np.clip(along[k], 0.0, 1.0))
+    return (k + share) % len(rim), places[k]
 
 
 def check_directions(positions: Mapping[str, FloatArray], space: str, anatomy: Anatomy) -> None:

@@ -223,15 +223,14 @@ class Raster:
         inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
         return np.clip(row, 0, height - 1), np.clip(column, 0, width - 1), inside
 
-    def visible_part(self, ids: IntArray, normals: FloatArray | None = None) -> FloatArray:
-        """A line of point ids on the page, sampled finely, with NaN where it is hidden, (j, 2).
+    def visible_part(self, line: FloatArray, normals: FloatArray | None = None) -> FloatArray:
+        """A line (k, 3) of page position and depth, sampled finely, with NaN where it is hidden, (j, 2).
 
         Parameters
         ----------
-        normals : (n, 3) of the points, on the page. The line is then hidden also on the inner side of the wall, seen
-            through an opening.
+        normals : (k, 3) of the surface there, on the page. The line is then hidden also on the inner side of the
+            wall, seen through an opening.
         """
-        line = self.projected[ids]
         length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
         at = np.linspace(0.0, length[-1], 2 + int(length[-1] / (4.0 * self.pixel)))
         fine = np.stack([np.interp(at, length, line[:, axis]) for axis in range(3)], axis=1)
@@ -241,7 +240,7 @@ class Raster:
             triangle = self.triangle[row, column]
             inner_side = (triangle >= 0) & (self._planes[1][triangle] <= 0)
             # Just round the outline, a line may still be seen against the background.
-            seen &= (np.interp(at, length, normals[ids, 2]) > -0.25) & ~inner_side
+            seen &= (np.interp(at, length, normals[:, 2]) > -0.25) & ~inner_side
         return np.where(seen[:, None], fine[:, :2], np.nan)
 
     def inmost_places(self, labels: IntArray, seen: BoolArray) -> dict[int, tuple[FloatArray, float]]:

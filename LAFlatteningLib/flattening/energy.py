@@ -1,17 +1,20 @@
-"""The energy of a map that is low where triangles keep their shape and infinite where they fold.
+"""The energies of a map: one that folded maps can be brought down, and one that says how distorted a map is.
 
-Garanzha, Kaporin, Kudryavtseva, Protais, Ray and Sokolov, "Foldover-free maps in 50 lines of code", ACM
-Transactions on Graphics 40, 2021. The energy of a triangle with Jacobian J, surface to map, is
+With J the Jacobian of a triangle, surface to map:
 
-    (tr(J^T J) + LAMBDA (det(J)^2 + 1)) / chi(det J),   chi(d) = (d + sqrt(eps^2 + d^2)) / 2.
-
-With eps = 0 it is infinite at det J = 0 (a barrier against folding); with eps > 0 it is finite everywhere, so
-that a folded map can be brought down to one without folds.
+- `PatchEnergy.untangling`, after Garanzha, Kaporin, Kudryavtseva, Protais, Ray and Sokolov, "Foldover-free maps in 50
+  lines of code", ACM Transactions on Graphics 40, 2021:
+  (tr(J^T J) + LAMBDA (det(J)^2 + 1)) / chi(det J), chi(d) = (d + sqrt(eps^2 + d^2)) / 2. It is finite for folded
+  triangles, too.
+- `PatchEnergy.distortion`: (tr(J^T J) / (2 det J))^2 + AREA (det J + 1 / det J). The first term is the square of the
+  "most isometric parametrisations" energy of Hormann and Greiner (2000), (K + 1/K)^2 / 4 with K the dilatation; the
+  second keeps areas. It is infinite at det J = 0, a barrier against folding.
 """
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from functools import cached_property
 from typing import NamedTuple
 
@@ -26,7 +29,9 @@ from ..surface import FloatArray, IntArray
 ComplexArray = NDArray[np.complex128]
 
 LAMBDA = 0.01
-"""Weight of keeping area against keeping angles. Small: angles matter more, but scale must not drift."""
+"""Weight of keeping area against keeping angles while untangling. Small, but scale must not drift."""
+AREA = 0.4
+"""Weight of keeping area against keeping angles in the distortion of a map. Docs/method.md shows what others give."""
 _MEMORY = 8
 """Pairs of steps that the quasi-Newton method remembers."""
 
@@ -59,7 +64,8 @@ class PatchEnergy:
     rest : (k, 3) their `rest_shapes`.
     movable : (n,) points that are variables.
     weights : (k,) weight of each triangle (default 1).
-    mesh_edges : edges of the triangles, if they are known already.
+    guards : how many triangles, the last ones, only must not fold: preconditioners leave them out.
+    mesh_edges : edges of the other triangles, if they are known already.
     """
 
     def __init__(
@@ -69,9 +75,11 @@ class PatchEnergy:
         rest: FloatArray,
         movable: NDArray[np.bool_],
         weights: FloatArray | None = None,
+        guards: int = 0,
         mesh_edges: topology.Edges | None = None,
     ) -> None:
         self._triangles = triangles
+        self._counted = len(triangles) - guards
         self._mesh_edges = mesh_edges
         self._flat = flat.copy()
         self._weights = np.ones(len(triangles)) if weights is None else weights
@@ -113,29 +121,45 @@ class PatchEnergy:
         """Area of each triangle on the map over its area at rest, (k,); negative where folded."""
         return self._columns(variables)[2]
 
-    def value_and_gradient(self, variables: FloatArray, eps: float) -> tuple[float, FloatArray]:
-        """The energy and its derivative by the variables, (v, 2).
+    def mips(self, variables: FloatArray) -> FloatArray:
+        """(K + 1/K)/2 of each triangle, (k,), K its dilatation; of triangles that are not folded."""
+        one, two, det = self._columns(variables)
+        return 0.5 * (one.real**2 + one.imag**2 + two.real**2 + two.imag**2) / np.maximum(det, 1e-6)
 
-        With eps = 0 the energy of a map with a folded triangle is infinite, and its derivative NaN.
-        """
+    def untangling(self, variables: FloatArray, eps: float) -> tuple[float, FloatArray]:
+        """The energy against folds, for eps > 0, and its derivative by the variables, (v, 2)."""
         one, two, det = self._columns(variables)
         numerator = one.real**2 + one.imag**2 + two.real**2 + two.imag**2 + LAMBDA * (det * det + 1.0)
-        if eps == 0.0:
-            if det.min() <= 0.0:
-                return np.inf, np.full(variables.shape, np.nan)
-            root = chi = det
-        else:
-            root = np.sqrt(eps * eps + det * det)
-            # For negative det the textbook sum loses all digits; the second form is the same number.
-            chi = 0.5 * np.where(det > 0, det + root, eps * eps / (root + np.abs(det)))
+        root = np.sqrt(eps * eps + det * det)
+        # For negative det the textbook sum loses all digits; the second form is the same number.
+        chi = 0.5 * np.where(det > 0, det + root, eps * eps / (root + np.abs(det)))
         share = self._weights / chi
         value = float((share * numerator).sum())
-        # Derivative by the Jacobian: 2 share J + slope cofactor(J), whose columns are -i two and i one.
-        slope = 1j * (share * (2.0 * LAMBDA * det - numerator / root))
-        share *= 2.0
-        by_one, by_two = share * one - slope * two, share * two + slope * one
+        return value, self._gradient(one, two, 2.0 * share, share * (2.0 * LAMBDA * det - numerator / root))
+
+    def distortion(self, variables: FloatArray) -> tuple[float, FloatArray]:
+        """The distortion and its derivative by the variables, (v, 2).
+
+        Infinite for a map with a folded triangle, its derivative then NaN.
+        """
+        one, two, det = self._columns(variables)
+        if det.min() <= 0.0:
+            return np.inf, np.full(variables.shape, np.nan)
+        inverse = 1.0 / det
+        trace = one.real**2 + one.imag**2 + two.real**2 + two.imag**2
+        mips = 0.5 * trace * inverse
+        weighted = self._weights * mips
+        value = float((weighted * mips).sum() + AREA * (self._weights * (det + inverse)).sum())
+        by_det = self._weights * (AREA * (1.0 - inverse * inverse)) - 2.0 * weighted * mips * inverse
+        return value, self._gradient(one, two, 2.0 * weighted * inverse, by_det)
+
+    def _gradient(self, one: ComplexArray, two: ComplexArray, scale: FloatArray, by_det: FloatArray) -> FloatArray:
+        """Derivative by the variables, (v, 2), of what has the derivative `scale` J + `by_det` cofactor(J) by J."""
+        # The columns of the cofactor matrix are -i two and i one.
+        turned = 1j * by_det
+        by_one, by_two = scale * one - turned * two, scale * two + turned * one
         by_edge = np.concatenate([by_one * self._p + by_two * self._q, by_two * self._r])
-        return value, self._edges_transposed @ by_edge.view(np.float64).reshape(-1, 2)
+        return self._edges_transposed @ by_edge.view(np.float64).reshape(-1, 2)
 
     def preconditioner_at_rest(self) -> Factorisation:
         """A stand-in for the inverse of the Hessian that knows nothing of the map: the inverse of the Dirichlet
@@ -148,17 +172,16 @@ class PatchEnergy:
     def preconditioner(self, variables: FloatArray, order: IntArray | None = None) -> Factorisation:
         """A stand-in for the inverse of the Hessian at a map without folds.
 
-        A small displacement v of the map changes the energy of a triangle to second order by about
-        weight tr(J^T J)/det(J) |grad v|^2, the gradient taken on the map: a Dirichlet energy there.
+        A small displacement v of the map changes the distortion of a triangle to second order by about
+        weight (tr(J^T J)/det(J))^2 |grad v|^2, the gradient taken on the map: a Dirichlet energy there.
 
         Parameters
         ----------
         order : `Factorisation.order` of an earlier preconditioner of this energy.
         """
-        one, two, det = self._columns(variables)
-        det = np.maximum(det, 1e-6)
+        det = np.maximum(self.determinants(variables), 1e-6)
         area = self._rest[:, 0] * self._rest[:, 2] * det
-        stiffness = self._weights * (np.abs(one) ** 2 + np.abs(two) ** 2) / (det * area)
+        stiffness = self._weights * (2.0 * self.mips(variables)) ** 2 / area
         flat = self._flat.copy()
         flat[self.ids] = variables
         return self._inverse_dirichlet(flat[self._triangles], stiffness, order)
@@ -168,12 +191,13 @@ class PatchEnergy:
     ) -> Factorisation:
         """Solver for the Dirichlet energy of triangles (k, 3, 2), each with its own stiffness (k,)."""
         # Obtuse triangles must not make the matrix indefinite.
-        weight = np.maximum(operators.corner_cotangents(corners), 0.05) * stiffness[:, None]
+        weight = np.maximum(operators.corner_cotangents(corners[: self._counted]), 0.05)
+        weight *= stiffness[: self._counted, None]
         return Factorisation(self._pattern.matrix(weight), order)
 
     @cached_property
     def _pattern(self) -> _DirichletPattern:
-        return _DirichletPattern(self._number[self._triangles], len(self.ids), self._mesh_edges)
+        return _DirichletPattern(self._number[self._triangles[: self._counted]], len(self.ids), self._mesh_edges)
 
 
 class _DirichletPattern:
@@ -221,23 +245,25 @@ class _DirichletPattern:
 
 
 def descend(
-    energy: PatchEnergy,
+    function: Callable[[FloatArray], tuple[float, FloatArray]],
     variables: FloatArray,
-    eps: float,
+    reach: float,
     precondition: Factorisation,
     steps: int,
     tolerance: float = 1e-4,
 ) -> tuple[FloatArray, int]:
-    """Lower an energy by limited-memory quasi-Newton steps started from a preconditioner.
+    """Lower a function by limited-memory quasi-Newton steps started from a preconditioner.
 
     Nocedal and Wright, Numerical Optimization, algorithm 7.4, with the preconditioner as initial inverse
-    Hessian; steps are halved until the energy falls enough (Armijo). Where the start has no folded triangle
-    and `eps` is 0, no step makes one.
+    Hessian; steps are halved until the energy falls enough (Armijo). Where the function is infinite
+    for folded maps, no step folds one.
 
     Parameters
     ----------
+    function : from variables (v, 2) to its value and its derivative.
+    reach : the farthest that a point may move in one step, `PatchEnergy.reach`.
     steps : most steps to take.
-    tolerance : stop once a step lowers the energy by less than this share of it.
+    tolerance : stop once a step lowers the function by less than this share of it.
 
     Returns
     -------
@@ -246,11 +272,11 @@ def descend(
 
     Raises
     ------
-    ValueError : `eps` is 0 and the start has a folded triangle.
+    ValueError : the function is infinite at the start.
     """
-    value, gradient = energy.value_and_gradient(variables, eps)
+    value, gradient = function(variables)
     if not np.isfinite(value):
-        raise ValueError("With eps = 0 the descent must start from a map without folded triangles.")
+        raise ValueError("The descent must start from a map without folded triangles.")
     history: deque[_Pair] = deque(maxlen=_MEMORY)
     scale = 1.0
     for step in range(steps):
@@ -263,14 +289,14 @@ def descend(
         if slope >= 0.0:
             return variables, step
         # Far from the minimum the model of the energy is poor: no point moves farther than a few triangles.
-        length = min(1.0, energy.reach / float(np.abs(direction).max()))
+        length = min(1.0, reach / float(np.abs(direction).max()))
         while True:
             trial = variables + length * direction
-            new_value, new_gradient = energy.value_and_gradient(trial, eps)
+            new_value, new_gradient = function(trial)
             if new_value <= value + 1e-4 * length * slope:
                 break
             length *= 0.5
-            if length * float(np.abs(direction).max()) < 1e-9 * energy.reach:
+            if length * float(np.abs(direction).max()) < 1e-9 * reach:
                 return variables, step
         s, y = trial - variables, new_gradient - gradient
         curvature = _dot(s, y)

@@ -13,7 +13,7 @@ from .. import distortion
 from .._version import __version__
 from ..cavity.openings import POINT_ID_ARRAY, Cavity
 from ..constraints import Constraints
-from ..division import Division
+from ..division import Division, label_regions
 from ..seeds import SnappedSeeds
 from ..surface import FloatArray, IntArray, Surface
 from ..template import Template
@@ -33,19 +33,18 @@ class FlatMap:
 
     Attributes
     ----------
-    points : (n, 2) map positions, in map units (built-in templates: a disk of radius 0.5).
+    solution : (n + p, 2) map positions of the points of ``division.surface``: those of the cavity and, in the method
+        ``regional``, the places of the paths between them.
     surface : the cavity in 3D, mm, with the triangles of the map (some edges flipped, see `flipped_edges`).
-    regions : (m,) region number of each triangle.
     cavity, seeds, division, constraints : the steps before.
     template, method, rounding : how it was made; rounding only for the method "paper".
     flipped_edges : edges of the cavity that would have crossed an opening of the map and were flipped.
-    freed_path_points : ids of path points that left their line so that no triangle folds.
+    freed_path_points : ids (in ``division.surface``) of path points that left their line so that no triangle folds.
     seconds : stage -> time, and "total".
     """
 
-    points: FloatArray
+    solution: FloatArray
     surface: Surface
-    regions: IntArray
     cavity: Cavity
     seeds: SnappedSeeds
     division: Division
@@ -56,6 +55,20 @@ class FlatMap:
     flipped_edges: int
     freed_path_points: IntArray
     seconds: Mapping[str, float]
+
+    @property
+    def points(self) -> FloatArray:
+        """(n, 2) map positions, in map units (built-in templates: a disk of radius 0.5)."""
+        return self.solution[: len(self.surface.points)]
+
+    @cached_property
+    def regions(self) -> IntArray:
+        """(m,) region number of each triangle; where a path cuts a triangle, of its larger part."""
+        anatomy = self.template.anatomy
+        region = label_regions(self.division, anatomy)
+        area = np.zeros((len(self.triangles), max(anatomy.regions) + 1))
+        np.add.at(area, (self.division.parent, region), self.division.surface.triangle_areas)
+        return area.argmax(axis=1)
 
     @property
     def triangles(self) -> IntArray:
@@ -73,13 +86,13 @@ class FlatMap:
         worst = 0.0
         for opening, loop in self.division.loops.items():
             shape = self.template.rim(opening).shape
-            worst = max(worst, float(shape.distance(self.points[loop]).max()))
+            worst = max(worst, float(shape.distance(self.solution[loop]).max()))
         return worst / self.template.radius
 
     @cached_property
     def path_drift(self) -> float:
         """Largest distance of a path point from its place on the template, in disk radii."""
-        moved = np.linalg.norm(self.points[self.constraints.path_ids] - self.constraints.path_targets, axis=1)
+        moved = np.linalg.norm(self.solution[self.constraints.path_ids] - self.constraints.path_targets, axis=1)
         return float(moved.max(initial=0.0)) / self.template.radius
 
     @cached_property
@@ -136,7 +149,7 @@ class FlatMap:
         ``region``; seeds, template, method and version are in its field data.
         """
         labels = list(self.template.anatomy.seeds)
-        on_atrium = np.array([self.cavity.closed.points[self.seeds.ids[label]] for label in labels])
+        on_atrium = np.array([self.seeds.positions[label] for label in labels])
         return Surface(
             np.column_stack([self.points, np.zeros(len(self.points))]),
             self.triangles,

@@ -11,9 +11,11 @@ from .. import operators
 from ..cavity.openings import Cavity, make_cavity, nearest_rim
 from ..constraints import Constraints, constraints_by_count, constraints_by_length
 from ..distortion import folded_triangles
-from ..division import divide, divide_as_published, label_regions
+from ..division import Division, divide_as_published
+from ..line_division import divide
+from ..ostium_ways import WaysAcrossOstia
 from ..progress import ProgressCallback, Stopwatch, part, report
-from ..seed_paths import WaysAcrossOstia, WaysOverCovers, connect_seeds
+from ..seed_paths import WaysOverCovers, connect_seeds
 from ..seeds import check_labels, snap_seeds
 from ..solvers import harmonic, published_least_squares
 from ..subcontours import ROUNDINGS
@@ -68,6 +70,7 @@ class Flattener:
         self.rounding = rounding
         self.check_axes = check_axes
         self._prepared: tuple[Cavity, Surface, int] | None = None
+        self._ways: WaysAcrossOstia | None = None
 
     def flatten(self, seeds: Mapping[str, FloatArray], progress: ProgressCallback | None = None) -> FlatMap:
         """The map for these seeds.
@@ -92,25 +95,25 @@ class Flattener:
         report(progress, 0.15, "Dividing the surface into regions")
         with watch.stage("division"):
             snapped = snap_seeds(seeds, cavity, anatomy)
-            ways = WaysOverCovers(cavity) if self.method == "paper" else WaysAcrossOstia(cavity)
-            connected = connect_seeds(cavity, snapped, anatomy, ways, self.check_axes)
             if self.method == "paper":
+                connected = connect_seeds(cavity, snapped, anatomy, WaysOverCovers(cavity), self.check_axes)
                 division = divide_as_published(cavity.surface, connected, self.template, self.rounding)
                 constraints = constraints_by_count(division, self.template, self.rounding == "paper")
             else:
-                division = divide(surface, connected, self.template)
-                constraints = constraints_by_length(division, self.template)
-            regions = label_regions(division, anatomy)
+                if self._ways is None or self._ways.surface is not surface:
+                    self._ways = WaysAcrossOstia(cavity, surface)
+                connected = connect_seeds(cavity, snapped, anatomy, self._ways, self.check_axes)
+                division = divide(surface, self._ways.mesh, connected, self.template)
+        report(progress, 0.3, "Flattening")
         freed = np.zeros(0, np.int64)
         if self.method == "paper":
             flat = self._solve_as_published(surface, constraints, watch, progress)
         else:
-            flat, freed = self._solve(surface, constraints, watch, progress)
+            flat, constraints, freed = self._solve(surface, division, watch, progress)
         report(progress, 1.0, "Done")
         return FlatMap(
             flat,
             surface,
-            regions,
             cavity,
             snapped,
             division,
@@ -155,26 +158,33 @@ class Flattener:
             return harmonic(refined, constraints.rim_ids, constraints.rim_targets)[0]
 
     def _solve(
-        self, surface: Surface, constraints: Constraints, watch: Stopwatch, progress: ProgressCallback | None
-    ) -> tuple[FloatArray, IntArray]:
-        """A map without folds, and the path points that had to leave their places for it."""
+        self, surface: Surface, division: Division, watch: Stopwatch, progress: ProgressCallback | None
+    ) -> tuple[FloatArray, Constraints, IntArray]:
+        """A map without folds of the points of `Division.surface`, and the path points that had to leave their places
+        for it."""
+        with watch.stage("division"):
+            constraints = constraints_by_length(division, self.template)
+        cut = division.surface
+        # Triangles that paths cut must not fold as a whole either: the map is theirs, too.
+        guarded = surface.triangles[np.bincount(division.parent) > 1]
         report(progress, 0.3, "Flattening")
         with watch.stage("solve"):
-            flat, factorisation = harmonic(surface.laplacian, constraints.ids, constraints.targets)
+            flat, factorisation = harmonic(cut.laplacian, constraints.ids, constraints.targets)
         report(progress, 0.4, "Turning back folded triangles")
         with watch.stage("untangle"):
-            fixed = np.zeros(len(surface.points), bool)
+            fixed = np.zeros(len(cut.points), bool)
             fixed[constraints.rim_ids] = True
             loose = np.zeros_like(fixed)
             loose[constraints.path_ids] = True
-            flat, freed = untangle(flat, surface.triangles, surface.points, fixed, loose)
+            flat, freed = untangle(flat, np.concatenate([cut.triangles, guarded]), cut.points, fixed, loose)
         with watch.stage("refine"):
-            flat = lower_distortion(flat, surface, ~(fixed | loose), factorisation.order, part(progress, 0.6, 1.0))
+            flat = lower_distortion(flat, cut, ~(fixed | loose), guarded, factorisation.order, part(progress, 0.6, 1.0))
         # The promise of this method, checked on every map.
-        left = folded_triangles(flat, surface.triangles)
-        if len(left):
-            raise fold_error(surface.points, surface.triangles[left])
-        return flat, freed
+        for points, triangles in ((cut.points, cut.triangles), (surface.points, surface.triangles)):
+            left = folded_triangles(flat, triangles)
+            if len(left):
+                raise fold_error(points, triangles[left])
+        return flat, constraints, freed
 
 
 def flatten(

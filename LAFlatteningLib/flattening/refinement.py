@@ -9,52 +9,90 @@ from .. import operators
 from ..progress import ProgressCallback, report
 from ..surface import FloatArray, IntArray, Surface
 from .energy import PatchEnergy, descend, rest_shapes
+from .untangling import corner_matrix, neighbourhood
 
-STEPS = (4, 4, 10, 10)
-"""Quasi-Newton steps between making the preconditioner anew from the map as it is by then."""
-ENOUGH = 1e-3
-"""Stop after steps that together lower the energy by less than this share of it."""
+WORST = 10.0
+"""Triangles with a larger dilatation than this (about) are relaxed first, by themselves."""
+WORST_RINGS, WORST_STEPS = 4, (6, 6, 6)
+"""Rings of triangles round them that move along, and quasi-Newton steps from preconditioner to preconditioner."""
+STEPS = (4, 4, 10, 10, 20, 20)
+"""Most quasi-Newton steps; the preconditioner is made anew, from the map as it is by then, between them."""
+GUARD = 1e-2
+"""Weight of the triangles that are only guarded against folding, whose area the others count already."""
+STILL = 2e-3
+"""Stop after steps that together move fewer than one point in twenty by more than this share of the map's radius."""
 
 
 def lower_distortion(
     flat: FloatArray,
     surface: Surface,
     movable: NDArray[np.bool_],
+    guarded: IntArray | None = None,
     order: IntArray | None = None,
     progress: ProgressCallback | None = None,
 ) -> FloatArray:
     """The map with less change of angles and areas, and still without folds.
 
-    Minimises the energy of `energy.PatchEnergy` with eps = 0, each triangle weighted by its area on the
+    Minimises `energy.PatchEnergy.distortion`, each triangle weighted by its area on the
     surface, so that the minimum does not depend on how finely the surface is meshed.
 
     Parameters
     ----------
     flat : (n, 2) map without folded triangles.
     movable : (n,) points that may move; the others stay exactly where they are.
+    guarded : (g, 3) more triangles that must not fold, beside those of the surface.
     progress : told the share done.
     order : order of elimination for the movable points, if one is known (`solvers.Factorisation.order`).
     """
     areas = surface.triangle_areas
+    guarded = np.zeros((0, 3), np.int64) if guarded is None else guarded
+    triangles = np.concatenate([surface.triangles, guarded])
     scale = float(np.sqrt(operators.triangle_areas(flat, surface.triangles).sum() / areas.sum()))
+    flat = _relax_worst(flat, triangles, surface.points, scale, movable)
     energy = PatchEnergy(
         flat,
-        surface.triangles,
-        rest_shapes(surface.points, surface.triangles, scale),
+        triangles,
+        rest_shapes(surface.points, triangles, scale),
         movable,
-        areas / areas.mean(),
+        np.concatenate([areas, GUARD * operators.triangle_areas(surface.points, guarded)]) / areas.mean(),
+        len(guarded),
         surface.edges,
     )
     variables = energy.start()
-    value, _ = energy.value_and_gradient(variables, 0.0)
+    radius = 0.5 * float(np.ptp(flat, axis=0).max())
     for number, steps in enumerate(STEPS):
         report(progress, number / len(STEPS), "Lowering the distortion")
         preconditioner = energy.preconditioner(variables, order)
         order = preconditioner.order
-        variables, _ = descend(energy, variables, 0.0, preconditioner, steps, tolerance=0.0)
-        before, (value, _) = value, energy.value_and_gradient(variables, 0.0)
-        if before - value < ENOUGH * value:
+        before = variables
+        variables, _ = descend(energy.distortion, variables, energy.reach, preconditioner, steps, tolerance=0.0)
+        moved = np.abs(variables - before).max(axis=1)
+        if np.percentile(moved, 95) < STILL * radius:
             break
+    result = flat.copy()
+    result[energy.ids] = variables
+    return result
+
+
+def _relax_worst(
+    flat: FloatArray, triangles: IntArray, points: FloatArray, scale: float, movable: NDArray[np.bool_]
+) -> FloatArray:
+    """The map with the places where triangles are all but folded relaxed.
+
+    A few such triangles, left where folds were turned back, would keep every step of the whole map short.
+    """
+    whole = PatchEnergy(flat, triangles, rest_shapes(points, triangles, scale), movable)
+    worst = np.flatnonzero(whole.mips(whole.start()) > 0.5 * WORST)
+    near = neighbourhood(corner_matrix(triangles, len(flat)), worst, WORST_RINGS) & movable
+    if not near.any():
+        return flat
+    used = triangles[near[triangles].any(axis=1)]
+    areas = operators.triangle_areas(points, used)
+    energy = PatchEnergy(flat, used, rest_shapes(points, used, scale), near, areas / areas.mean())
+    variables = energy.start()
+    for steps in WORST_STEPS:
+        preconditioner = energy.preconditioner(variables)
+        variables, _ = descend(energy.distortion, variables, energy.reach, preconditioner, steps, tolerance=0.0)
     result = flat.copy()
     result[energy.ids] = variables
     return result

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
@@ -46,22 +48,18 @@ def untangle(
     scale = float(
         np.sqrt(operators.triangle_areas(flat, triangles).sum() / operators.triangle_areas(points, triangles).sum())
     )
-    n = len(points)
-    corner = sparse.csr_matrix(
-        (np.ones(triangles.size, np.int8), (triangles.reshape(-1), np.repeat(np.arange(len(triangles)), 3))),
-        shape=(n, len(triangles)),
-    )
+    corner = corner_matrix(triangles, len(points))
     flat = flat.copy()
     held = fixed | loose
-    freed = np.zeros(n, bool)
+    freed = np.zeros(len(points), bool)
     for stage in (held, fixed):
         for rings in RINGS:
             folded = _bad(flat, triangles)
             if not len(folded):
                 return flat, np.flatnonzero(freed)
-            near = _neighbourhood(corner, folded, rings)
+            near = neighbourhood(corner, folded, rings)
             # Once paths must give way, they do so close to the fold only.
-            blocked = stage | (held & ~_neighbourhood(corner, folded, min(rings, RINGS[0])))
+            blocked = stage | (held & ~neighbourhood(corner, folded, min(rings, RINGS[0])))
             movable = near & ~blocked
             if not movable.any():
                 continue
@@ -95,8 +93,16 @@ def _bad(flat: FloatArray, triangles: IntArray) -> IntArray:
     return small[area[small] <= 1e-9 * longest]
 
 
-def _neighbourhood(corner: sparse.csr_matrix, triangles: IntArray, rings: int) -> NDArray[np.bool_]:
-    """Points within some rings of triangles, (n,)."""
+def corner_matrix(triangles: IntArray, n: int) -> sparse.csr_matrix:
+    """Which of n points are corners of which triangles, (n, m), of ones."""
+    return sparse.csr_matrix(
+        (np.ones(triangles.size, np.int8), (triangles.reshape(-1), np.repeat(np.arange(len(triangles)), 3))),
+        shape=(n, len(triangles)),
+    )
+
+
+def neighbourhood(corner: sparse.csr_matrix, triangles: IntArray, rings: int) -> NDArray[np.bool_]:
+    """Points within some rings of triangles, (n,), given the `corner_matrix`."""
     chosen = np.zeros(corner.shape[1])
     chosen[triangles] = 1.0
     for _ in range(rings):
@@ -114,7 +120,7 @@ def _relax(flat: FloatArray, triangles: IntArray, points: FloatArray, scale: flo
     lowest = float(energy.determinants(variables).min())
     for _ in range(ROUNDS):
         eps = float(np.sqrt(1e-9 + 0.04 * min(lowest, 0.0) ** 2))
-        variables, steps = descend(energy, variables, eps, precondition, STEPS)
+        variables, steps = descend(partial(energy.untangling, eps=eps), variables, energy.reach, precondition, STEPS)
         before, lowest = lowest, float(energy.determinants(variables).min())
         # Settled: done, or the rim of the patch is in the way and a larger patch must be tried.
         if lowest >= MIN_DETERMINANT or steps == 0 or (before < 0 and lowest < before + 1e-3 * abs(before)):

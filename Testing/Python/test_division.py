@@ -6,9 +6,11 @@ import pytest
 from LAFlatteningLib.anatomy import LEFT_ATRIUM
 from LAFlatteningLib.cavity.openings import SNAP_LIMIT_MM, make_cavity
 from LAFlatteningLib.constraints import constraints_by_count, constraints_by_length
-from LAFlatteningLib.division import divide, divide_as_published, label_regions
+from LAFlatteningLib.division import divide_as_published, label_regions
 from LAFlatteningLib.errors import SeedError
-from LAFlatteningLib.seed_paths import WaysAcrossOstia, WaysOverCovers, connect_seeds
+from LAFlatteningLib.line_division import divide
+from LAFlatteningLib.ostium_ways import WaysAcrossOstia
+from LAFlatteningLib.seed_paths import WaysOverCovers, connect_seeds
 from LAFlatteningLib.seeds import snap_seeds
 from LAFlatteningLib.subcontours import spread_counts, spread_lengths
 from LAFlatteningLib.surface import Surface
@@ -24,8 +26,7 @@ def cavity(phantom):
 
 @pytest.fixture(scope="module")
 def division(cavity, phantom):
-    snapped = snap_seeds(phantom.seeds, cavity, LEFT_ATRIUM)
-    return divide(cavity.surface, connect_seeds(cavity, snapped, LEFT_ATRIUM, WaysAcrossOstia(cavity)), TEMPLATE)
+    return divided(cavity, phantom.seeds)
 
 
 # ---- the sub-contour rule ----
@@ -77,7 +78,11 @@ def test_seeds_snap_to_their_own_openings(cavity, phantom):
     assert sorted(snapped.hole.values()) == [0, 1, 2, 3, 4]
     for label, at in phantom.seeds.items():
         place = cavity.closed.points[snapped.ids[label]]
-        assert np.linalg.norm(place - at) == pytest.approx(snapped.moved_mm[label])
+        moved = np.linalg.norm(snapped.positions[label] - at)
+        # Outer seeds go to the nearest place of the rim, the others to the nearest point of their cover.
+        expected = moved if label in LEFT_ATRIUM.outer_seeds else np.linalg.norm(place - at)
+        assert snapped.moved_mm[label] == pytest.approx(expected)
+        assert moved <= np.linalg.norm(place - at) + 1e-9
         # An edge is about 2 mm long at this resolution.
         assert snapped.moved_mm[label] < 3.0
     outer = set(cavity.ids[cavity.outer].tolist())
@@ -123,7 +128,7 @@ def test_two_seeds_on_one_opening(cavity, phantom):
 
 
 def test_two_mitral_seeds_on_one_point(cavity, phantom):
-    with pytest.raises(SeedError, match="MV1 and MV2 sit on the same point"):
+    with pytest.raises(SeedError, match="MV1 and MV2 sit on the same place"):
         snap_seeds(changed(phantom, MV2=phantom.seeds["MV1"]), cavity, LEFT_ATRIUM)
 
 
@@ -145,6 +150,12 @@ def test_seeds_in_metres(cavity, phantom):
 
 def connect(cavity, seeds, ways=WaysAcrossOstia, check_axes=False):
     return connect_seeds(cavity, snap_seeds(seeds, cavity, LEFT_ATRIUM), LEFT_ATRIUM, ways(cavity), check_axes)
+
+
+def divided(cavity, seeds, template=TEMPLATE):
+    ways = WaysAcrossOstia(cavity)
+    connected = connect_seeds(cavity, snap_seeds(seeds, cavity, LEFT_ATRIUM), LEFT_ATRIUM, ways)
+    return divide(cavity.surface, ways.mesh, connected, template)
 
 
 @pytest.mark.parametrize(
@@ -243,31 +254,13 @@ def test_mitral_seeds_close_together_stay_where_they_are(phantom, cavity):
     at = int(np.linalg.norm(cavity.surface.points[cavity.outer] - phantom.seeds["MV1"], axis=1).argmin())
     # The outer rim runs counter-clockwise on the map, from MV2 to MV1.
     close = int(cavity.outer[at - 1])
-    connected = connect(cavity, changed(phantom, MV2=cavity.surface.points[close]))
-    division = divide(cavity.surface, connected, TEMPLATE)
+    division = divided(cavity, changed(phantom, MV2=cavity.surface.points[close]))
     loop, feet = division.loops["MV"], division.feet["MV"]
     order = LEFT_ATRIUM.feet("MV")
     assert loop[feet[order.index("s6")]] == close
-    assert loop[feet[order.index("s5")]] == cavity.outer[at]
-
-
-def test_a_taken_line_is_gone_round():
-    import meshes
-
-    from LAFlatteningLib.division import _Router
-
-    surface = meshes.grid(7, 7, 6.0, 6.0)
-    wall = np.array([21 + k for k in range(1, 7)])  # the middle row, but for its first point
-    router = _Router(surface, np.zeros(0, np.int64))
-    assert len(np.intersect1d(router.path(3, 45), wall)) > 0
-    router.block(wall)
-    around = router.path(3, 45)
-    assert 21 in around
-    assert len(np.intersect1d(around, wall)) == 0
-    # A taken point can still be an end.
-    assert router.path(3, 24)[-1] == 24
-    router.block(np.array([21]))
-    assert router.path(3, 45) is None
+    foot = division.surface.points[loop[feet[order.index("s5")]]]
+    edge = np.linalg.norm(cavity.surface.points[cavity.outer[at]] - cavity.surface.points[close])
+    assert np.linalg.norm(foot - connected_position(cavity, phantom, "MV1")) < 0.05 * edge
 
 
 def test_seed_a_little_beyond_the_limit(cavity, phantom):
@@ -281,12 +274,12 @@ def test_seed_a_little_beyond_the_limit(cavity, phantom):
 
 
 def test_feet_are_kept_apart():
-    from LAFlatteningLib.division import _apart
+    from LAFlatteningLib.line_division import _apart
 
-    assert _apart(np.array([0, 0, 0]), 40, 2).tolist() == [0, 2, 4]
-    assert _apart(np.array([0, 39, 39]), 40, 2).tolist() == [0, 36, 38]
-    assert _apart(np.array([0, 10, 25]), 40, 2).tolist() == [0, 10, 25]
-    assert _apart(np.array([0, 0]), 30, 3).tolist() == [0, 3]
+    assert _apart(np.array([0.0, 0, 0]), 40.0, 2.0).tolist() == [0, 2, 4]
+    assert _apart(np.array([0.0, 39.5, 39.5]), 40.0, 2.0).tolist() == [0, 36, 38]
+    assert _apart(np.array([0.0, 10, 25]), 40.0, 2.0).tolist() == [0, 10, 25]
+    assert _apart(np.array([0.0, 0]), 30.0, 3.0).tolist() == [0, 3]
 
 
 @pytest.mark.parametrize("label", ["LAA", "RSPV", "LIPV"])
@@ -301,7 +294,8 @@ def test_seed_near_the_rim_of_its_opening_is_taken(phantom, cavity, label):
 
 @pytest.mark.parametrize("change", ["rotated", "moved", "shuffled", "scaled"])
 def test_the_map_belongs_to_the_shape_alone(phantom, phantom_map, change):
-    """Rigid motion, scale, and the order of points and triangles change nothing but rounding."""
+    """Rigid motion and scale change nothing but rounding; nor does the order of points and triangles, but where two
+    lines are equally short to a micrometre, as on this coarse mesh."""
     from scipy.spatial.transform import Rotation
 
     from LAFlatteningLib.flattening import flatten
@@ -320,7 +314,7 @@ def test_the_map_belongs_to_the_shape_alone(phantom, phantom_map, change):
     again = flatten(surface, {label: place(at) for label, at in phantom.seeds.items()})
     points = np.empty_like(again.points)
     points[order[again.surface.point_data["surface_point_id"]]] = again.points
-    assert np.abs(points - phantom_map.points).max() < 1e-6
+    assert np.abs(points - phantom_map.points).max() < (0.005 if change == "shuffled" else 1e-6)
 
 
 @pytest.mark.parametrize("turned", [False, True])
@@ -339,18 +333,21 @@ def test_orientation_of_the_triangles_does_not_matter(phantom, phantom_map, turn
 
 
 def test_seed_paths_follow_the_known_planes(cavity, phantom):
-    """A path of the phantom lies in the plane of the centre and its two seeds; an edge path zigzags about it."""
+    """A path of the phantom lies in the plane of the centre and its two seeds, but for the bends at the veins."""
     connected = connect(cavity, phantom.seeds)
-    for name, (a, _) in LEFT_ATRIUM.paths.items():
-        ids = connected.paths[name]
-        assert ids[0] == snap_seeds(phantom.seeds, cavity, LEFT_ATRIUM).ids[a]
+    for name, (a, b) in LEFT_ATRIUM.paths.items():
+        line = connected.walks[name].positions
+        assert np.allclose(line[0], connected_position(cavity, phantom, a))
+        assert np.allclose(line[-1], connected_position(cavity, phantom, b))
         truth = phantom.true_paths[name]
-        nearest = np.linalg.norm(cavity.closed.points[ids][:, None] - truth[None], axis=2).min(axis=1)
-        assert np.median(nearest) < 3.0, name
-        assert (
-            np.linalg.norm(np.diff(cavity.closed.points[ids], axis=0), axis=1).sum()
-            < 1.2 * np.linalg.norm(np.diff(truth, axis=0), axis=1).sum()
-        )
+        nearest = np.linalg.norm(line[:, None] - truth[None], axis=2).min(axis=1)
+        assert np.median(nearest) < 2.0, name
+        assert connected.lengths[name] == pytest.approx(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
+        assert connected.lengths[name] < 1.02 * np.linalg.norm(np.diff(truth, axis=0), axis=1).sum()
+
+
+def connected_position(cavity, phantom, label):
+    return snap_seeds(phantom.seeds, cavity, LEFT_ATRIUM).positions[label]
 
 
 def test_feet_are_in_order_on_every_rim(division):
@@ -382,11 +379,11 @@ def test_regions_agree_with_the_known_ones(phantom):
     still = dataclasses.replace(
         TEMPLATE, holes={name: dataclasses.replace(rim, spread_feet=False) for name, rim in TEMPLATE.holes.items()}
     )
-    division = divide(cavity.surface, connect(cavity, phantom.seeds), still)
+    division = divided(cavity, phantom.seeds, still)
     regions = label_regions(division, LEFT_ATRIUM)
     assert sorted(set(regions.tolist())) == [1, 2, 3, 4, 5]
-    truth = phantom.surface.cell_data["true_region"]
-    agree = cavity.surface.triangle_areas[regions == truth].sum() / cavity.surface.area
+    truth = phantom.surface.cell_data["true_region"][division.parent]
+    agree = division.surface.triangle_areas[regions == truth].sum() / cavity.surface.area
     assert agree > 0.95
 
 

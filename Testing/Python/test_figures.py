@@ -258,7 +258,7 @@ def test_atrium_is_seen_as_big_as_it_is(flat_map: FlatMap, regions_page: Page) -
 
 def test_openings_show_the_inside_of_the_wall(flat_map: FlatMap, regions_page: Page) -> None:
     """The middle of the valve, seen from the front, is dark grey whatever the colours outside."""
-    rim = flat_map.surface.points[flat_map.division.loops["MV"]]
+    rim = flat_map.division.surface.points[flat_map.division.loops["MV"]]
     middle = shading.standard_view("anterior", "LPS").project(rim)[:, :2].mean(axis=0)
     patch = regions_page.patch("anterior", middle, 2.0)
     assert (np.ptp(patch, axis=1) < 20).all() and (patch < 170).all()
@@ -348,7 +348,7 @@ def test_what_is_in_front_hides_what_is_behind() -> None:
     assert front[:, 50:].all() and not front[:, :50].any()
     places = np.array([[2.0, 5, 0], [2, 5, 8], [8, 5, 0], [8, 5, -3], [8, 5, 3], [20, 5, 9]])
     assert raster.is_visible(places).tolist() == [False, True, True, False, True, False]
-    line = raster.visible_part(np.array([0, 1]))
+    line = raster.visible_part(points[[0, 1]])
     # The far edge from x = 0 to 10; its very end is on the edge of the picture.
     assert np.isnan(line[: len(line) // 2 - 2]).all() and np.isfinite(line[len(line) // 2 + 2 : -1]).all()
 
@@ -481,11 +481,11 @@ def test_published_method_is_drawn_and_its_folds_are_marked(flat_map: FlatMap, p
     published = Flattener(phantom.surface, method="paper").flatten(phantom.seeds)
     assert "method paper, rounding paper" in figures.make_figure(published).texts[1].get_text()
     # Fold it ourselves: one inner point moved across the map.
-    on_rim = np.isin(np.arange(len(flat_map.points)), flat_map.constraints.ids)
+    on_rim = np.isin(np.arange(len(flat_map.solution)), flat_map.constraints.ids)
     far = int(np.flatnonzero(~on_rim)[0])
-    moved = flat_map.points.copy()
+    moved = flat_map.solution.copy()
     moved[far] = -moved[far] + 0.1
-    folded = replace(flat_map, points=moved)
+    folded = replace(flat_map, solution=moved)
     count = len(folded.folded_triangles)
     figure = figures.make_figure(folded)
     assert count > 0 and f"{count} folded triangle" in figure.texts[1].get_text()

@@ -11,6 +11,7 @@ from scipy.sparse.linalg import spsolve
 
 from LAFlatteningLib import distortion, operators
 from LAFlatteningLib.anatomy import LEFT_ATRIUM
+from LAFlatteningLib.division import label_regions
 from LAFlatteningLib.errors import Cancelled, LAFlatteningError
 from LAFlatteningLib.files import read_seeds, read_surface
 from LAFlatteningLib.flattening import Flattener, flatten
@@ -246,8 +247,15 @@ def test_regions_lie_in_their_places_on_the_map(phantom_map):
     for region in LEFT_ATRIUM.regions:
         outline = phantom_map.template.region_outline(region, step=0.5)
         mine = phantom_map.regions == region
-        assert _inside(centre[mine], outline).mean() > 0.99
-        assert _inside(centre[~mine], outline).mean() < 0.01
+        # Triangles that a path cuts count for their larger part: some have their centre beyond it.
+        assert _inside(centre[mine], outline).mean() > 0.98
+        assert _inside(centre[~mine], outline).mean() < 0.02
+        # The pieces into which the paths cut them are all on their side.
+        division, flat = phantom_map.division, phantom_map.solution
+        pieces = label_regions(division, LEFT_ATRIUM) == region
+        middle = flat[division.surface.triangles].mean(axis=1)
+        shrunk = _inside(middle[pieces], outline).mean()
+        assert shrunk > 0.995 and _inside(middle[~pieces], outline).mean() < 0.002
 
 
 def test_patient_right_is_on_the_right_of_the_map(phantom, phantom_map):
@@ -281,7 +289,12 @@ def test_map_as_a_surface_keeps_the_contract(phantom, phantom_map):
     assert surface.field_data["method"].tolist() == ["regional"]
     assert surface.field_data["seed_labels"].tolist() == list(LEFT_ATRIUM.seeds)
     for label, at in zip(surface.field_data["seed_labels"], surface.field_data["seed_positions_mm"], strict=True):
-        assert np.linalg.norm(at - phantom.seeds[label]) == pytest.approx(phantom_map.seeds.moved_mm[label])
+        moved = np.linalg.norm(at - phantom.seeds[label])
+        if label in LEFT_ATRIUM.outer_seeds:
+            assert moved == pytest.approx(phantom_map.seeds.moved_mm[label], abs=1e-9)
+        else:
+            # The nearest place on the cover is no farther than its nearest point.
+            assert moved <= phantom_map.seeds.moved_mm[label] + 1e-9
 
 
 def test_metrics_hold_every_figure_and_are_json(phantom_map):
@@ -346,12 +359,12 @@ def test_seed_paths_are_the_published_ones(data_dir, name):
 
     surface, seeds = case(data_dir, name)
     flat_map = flatten(surface, seeds, method="paper")
-    for path, ids in flat_map.division.seed_paths.items():
+    for path, walk in flat_map.division.walks.items():
         reader = vtk.vtkXMLPolyDataReader()
         reader.SetFileName(str(folder / f"{path}.vtp"))
         reader.Update()
         published = vtk_to_numpy(reader.GetOutput().GetPoints().GetData())
-        ours = flat_map.cavity.closed.points[ids]
+        ours = walk.positions
         assert len(published) == len(ours)
         assert np.linalg.norm(published[:, None] - ours[None], axis=2).min(axis=1).max() < 1e-4
 
@@ -406,7 +419,7 @@ def test_notes_say_what_to_look_at(phantom, phantom_map):
     paper = flatten(phantom.surface, phantom.seeds, method="paper")
     assert len(paper.folded_triangles) > 0
     assert any("folded" in note for note in paper.notes)
-    squashed = dataclasses.replace(phantom_map, points=phantom_map.points * [1.0, 0.02])
+    squashed = dataclasses.replace(phantom_map, solution=phantom_map.solution * [1.0, 0.02])
     assert any("stretched more than usual" in note for note in squashed.notes)
     freed = dataclasses.replace(phantom_map, freed_path_points=np.array([3, 4]))
     assert any("2 path points had to leave their lines" in note for note in freed.notes)
@@ -414,13 +427,13 @@ def test_notes_say_what_to_look_at(phantom, phantom_map):
 
 
 def test_rim_error_and_path_drift_measure_what_they_say(phantom_map):
-    moved = phantom_map.points.copy()
+    moved = phantom_map.solution.copy()
     loop = phantom_map.division.loops["LAA"]
     centre = np.array(phantom_map.template.holes["LAA"].shape.centre)
     moved[loop[3]] = centre + 1.1 * (moved[loop[3]] - centre)
     point = phantom_map.constraints.path_ids[5]
     moved[point] += [0.0, 0.01]
-    other = dataclasses.replace(phantom_map, points=moved)
+    other = dataclasses.replace(phantom_map, solution=moved)
     # A tenth of the hole's radius .0405, in disk radii of .5.
     assert other.rim_error == pytest.approx(0.1 * 0.0405 / 0.5)
     assert other.path_drift == pytest.approx(0.01 / 0.5)

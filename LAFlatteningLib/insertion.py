@@ -1,0 +1,251 @@
+"""Making lines across triangles edges of the mesh, while all its points keep their ids."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .geodesic_lines import Line
+from .surface import FloatArray, IntArray, Surface
+
+
+@dataclass(frozen=True, eq=False)
+class Inserted:
+    """A surface with lines as edges.
+
+    Attributes
+    ----------
+    surface : its first points are those of the surface before, with the same ids; the others lie on their edges.
+    parent : (triangles of `surface`,) the triangle of the surface before of which each is a part.
+    lines : name -> point ids of the line, from its first place to its last.
+    """
+
+    surface: Surface
+    parent: IntArray
+    lines: Mapping[str, IntArray]
+
+    @classmethod
+    def of(cls, surface: Surface) -> Inserted:
+        """A surface with nothing inserted."""
+        return cls(surface, np.arange(len(surface.triangles)), {})
+
+    @cached_property
+    def cut(self) -> IntArray:
+        """The triangles of the surface before that are in pieces."""
+        return np.flatnonzero(np.bincount(self.parent) > 1)
+
+
+def insert_lines(before: Inserted, lines: Mapping[str, Line]) -> Inserted:
+    """The surface with its triangles cut along more lines; lines of one place become points.
+
+    Parameters
+    ----------
+    lines : name -> line across the triangles of ``before.surface``. No two may cross or meet (`meeting`), nor cross
+        those that are there.
+    """
+    if not lines:
+        return before
+    surface = before.surface
+    n, m = len(surface.points), len(surface.triangles)
+    ends = np.concatenate([line.ends for line in lines.values()])
+    share = np.concatenate([line.share for line in lines.values()])
+    counts = [len(line.share) for line in lines.values()]
+    # Every place on an edge is a new point, numbered along the edges.
+    on_edge = ends[:, 0] != ends[:, 1]
+    edge, share = edges_of(surface, ends, share, on_edge)
+    nodes = ends[:, 0].copy()
+    order = np.flatnonzero(on_edge)
+    order = order[np.lexsort((share[order], edge[order]))]
+    nodes[order] = n + np.arange(len(order))
+    a, b = surface.edges.points[edge[order]].T
+    t = share[order, None]
+    points = np.concatenate([surface.points, (1.0 - t) * surface.points[a] + t * surface.points[b]])
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    ids = {name: nodes[starts[k] : starts[k + 1]] for k, name in enumerate(lines)}
+
+    # What falls into each triangle: new points on its edges, and pieces of lines.
+    on_edges: dict[int, list[int]] = {}
+    for e, node in zip(edge[order].tolist(), nodes[order].tolist(), strict=True):
+        on_edges.setdefault(e, []).append(node)
+    pieces: dict[int, list[tuple[int, int]]] = {}
+    follows = np.ones(len(nodes), bool)
+    follows[starts[1:] - 1] = False
+    first = np.flatnonzero(follows)
+    inside = chord_triangles(surface, ends[first], ends[first + 1])
+    for triangle, u, v in zip(inside.tolist(), nodes[first].tolist(), nodes[first + 1].tolist(), strict=True):
+        if triangle >= 0:
+            pieces.setdefault(triangle, []).append((u, v))
+    both = surface.edges.triangles[list(on_edges)] if on_edges else np.zeros((0, 2), np.int64)
+    cut = sorted({*pieces, *both[both >= 0].tolist()})
+
+    new: list[tuple[int, int, int]] = []
+    parent: list[int] = []
+    position = points.tolist() if len(cut) > m // 4 else None
+    for triangle in cut:
+        corners = surface.triangles[triangle].tolist()
+        polygon: list[int] = []
+        for k in range(3):
+            polygon.append(corners[k])
+            e = int(surface.edges.of_triangle[triangle, (k + 2) % 3])
+            if e in on_edges:
+                along = on_edges[e]
+                polygon += along if corners[k] == surface.edges.points[e, 0] else along[::-1]
+        at = {i: position[i] if position else points[i].tolist() for i in polygon}
+        for part in _split(polygon, pieces.get(triangle, [])):
+            made = _triangulate(part, at)
+            new += made
+            parent += [triangle] * len(made)
+    whole = np.ones(m, bool)
+    whole[cut] = False
+    kept = np.flatnonzero(whole)
+    triangles = np.concatenate([surface.triangles[kept], np.array(new, np.int64).reshape(-1, 3)])
+    return Inserted(
+        Surface(points, triangles, space=surface.space),
+        before.parent[np.concatenate([kept, np.array(parent, np.int64)])],
+        {**before.lines, **ids},
+    )
+
+
+def edges_of(
+    surface: Surface, ends: IntArray, share: FloatArray, on_edge: NDArray[np.bool_]
+) -> tuple[IntArray, FloatArray]:
+    """The edge between two points, (k,), -1 where not `on_edge`; and the share counted from its first point."""
+    n = len(surface.points)
+    low, high = ends.min(axis=1), ends.max(axis=1)
+    edges = surface.edges.points
+    edge = np.searchsorted(edges[:, 0] * n + edges[:, 1], low * n + high)
+    return np.where(on_edge, edge, -1), np.where(ends[:, 0] == low, share, 1.0 - share)
+
+
+def chord_triangles(surface: Surface, one: IntArray, two: IntArray) -> IntArray:
+    """The triangle that a straight piece of a line crosses, (k,); -1 where it runs along an edge.
+
+    Parameters
+    ----------
+    one, two : (k, 2) ends of the edges on which the piece starts and stops; twice the same for a point.
+    """
+    # The three corners of the triangle are the ends of both edges.
+    corners = np.sort(np.concatenate([one, two], axis=1), axis=1)
+    distinct = np.concatenate([np.ones((len(corners), 1), bool), np.diff(corners, axis=1) > 0], axis=1)
+    across = distinct.sum(axis=1) == 3
+    triple = corners[across][distinct[across]].reshape(-1, 3)
+    edge, _ = edges_of(surface, triple[:, :2], np.zeros(len(triple)), np.ones(len(triple), bool))
+    sides = surface.edges.triangles[edge]
+    has = (surface.triangles[sides] == triple[:, 2, None, None]).any(axis=2) & (sides >= 0)
+    result = np.full(len(one), -1, np.int64)
+    result[across] = sides[np.arange(len(sides)), has.argmax(axis=1)]
+    return result
+
+
+def _split(polygon: list[int], pieces: Sequence[tuple[int, int]]) -> list[list[int]]:
+    """A convex polygon cut along pieces of lines between its corners, which do not cross."""
+    parts = [polygon]
+    for u, v in pieces:
+        for k, part in enumerate(parts):
+            if u in part and v in part:
+                i, j = sorted((part.index(u), part.index(v)))
+                if j - i > 1 and len(part) - (j - i) > 1:
+                    parts[k : k + 1] = [part[i : j + 1], part[j:] + part[: i + 1]]
+                break
+    return parts
+
+
+def _triangulate(polygon: list[int], at: Mapping[int, Sequence[float]]) -> list[tuple[int, int, int]]:
+    """A convex polygon, some of its corners perhaps on a straight side, cut into triangles whose worst one is as
+    good as possible."""
+    k = len(polygon)
+    if k == 3:
+        return [(polygon[0], polygon[1], polygon[2])]
+    corner = [at[i] for i in polygon]
+    best: dict[tuple[int, int], tuple[float, list[tuple[int, int, int]]]] = {
+        (i, i + 1): (float("inf"), []) for i in range(k)
+    }
+    for width in range(2, k):
+        for i in range(k - width):
+            j = i + width
+            choice = None
+            for middle in range(i + 1, j):
+                left, right = best[i, middle], best[middle, j]
+                worst = min(left[0], right[0], _quality(corner[i], corner[middle], corner[j]))
+                if choice is None or worst > choice[0]:
+                    choice = (worst, [*left[1], *right[1], (polygon[i], polygon[middle], polygon[j])])
+            assert choice is not None
+            best[i, j] = choice
+    return best[0, k - 1][1]
+
+
+def _quality(a: Sequence[float], b: Sequence[float], c: Sequence[float]) -> float:
+    """Twice the area of a triangle over its longest side squared, squared; 0 for a sliver."""
+    ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    uu, vv, uv = ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz, ux * vx + uy * vy + uz * vz
+    longest = max(uu, vv, uu + vv - 2.0 * uv)
+    return (uu * vv - uv * uv) / (longest * longest)
+
+
+def meeting(surface: Surface, lines: Mapping[str, Line], touching: bool = True) -> set[frozenset[str]]:
+    """The pairs of lines that cross.
+
+    Parameters
+    ----------
+    touching : whether lines that only touch, or pass through the same point, count as well.
+    """
+    if not lines:
+        return set()
+    names = list(lines)
+    ends = np.concatenate([line.ends for line in lines.values()])
+    share = np.concatenate([line.share for line in lines.values()])
+    line = np.repeat(np.arange(len(names)), [len(one.share) for one in lines.values()])
+    on_edge = ends[:, 0] != ends[:, 1]
+    edge, share = edges_of(surface, ends, share, on_edge)
+    found: set[frozenset[str]] = set()
+
+    def note(a: int, b: int) -> None:
+        if a != b:
+            found.add(frozenset((names[a], names[b])))
+
+    if touching:
+        through: dict[int, int] = {}
+        for k in np.flatnonzero(~on_edge).tolist():
+            note(through.setdefault(int(ends[k, 0]), int(line[k])), int(line[k]))
+        # Places on one edge that are nearly the same.
+        order = np.flatnonzero(on_edge)
+        order = order[np.lexsort((share[order], edge[order]))]
+        close = (np.diff(edge[order]) == 0) & (np.diff(share[order]) < TOO_CLOSE)
+        for k in np.flatnonzero(close).tolist():
+            note(int(line[order[k]]), int(line[order[k + 1]]))
+    # Pieces in one triangle whose ends alternate round it.
+    first = np.flatnonzero(np.diff(line) == 0)
+    inside = chord_triangles(surface, ends[first], ends[first + 1])
+    per_triangle: dict[int, list[int]] = {}
+    for k, triangle in zip(first.tolist(), inside.tolist(), strict=True):
+        if triangle >= 0:
+            per_triangle.setdefault(triangle, []).append(k)
+    for triangle, chords in per_triangle.items():
+        if len({int(line[k]) for k in chords}) < 2:
+            continue
+        corners = surface.triangles[triangle].tolist()
+
+        def round_at(k: int, corners: list[int] = corners) -> float:
+            """How far round the triangle a place is: corner number plus share of the side."""
+            a, b = ends[k].tolist()
+            i = corners.index(a)
+            if a == b:
+                return float(i)
+            along = share[k] if a < b else 1.0 - share[k]
+            return i + along if corners[(i + 1) % 3] == b else corners.index(b) + 1.0 - along
+
+        spans = [(int(line[k]), sorted((round_at(k), round_at(k + 1)))) for k in chords]
+        for i, (one, (a, b)) in enumerate(spans):
+            for other, (c, d) in spans[i + 1 :]:
+                if (a < c < b) != (a < d < b) and c not in (a, b) and d not in (a, b):
+                    note(one, other)
+    return found
+
+
+TOO_CLOSE = 1e-3
+"""Lines closer than this share of an edge touch."""

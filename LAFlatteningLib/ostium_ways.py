@@ -1,0 +1,306 @@
+"""Geodesic lines from the seed of an ostium, straight across the ostium and on over the open cavity."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+
+import numpy as np
+from scipy import sparse
+from scipy.ndimage import minimum_filter1d
+from scipy.spatial import cKDTree
+
+from .cavity.openings import Cavity
+from .geodesic_lines import Line, Place, make_line, straighten
+from .geodesics import PathTree
+from .half_edges import HalfEdges, corner_angles
+from .insertion import meeting
+from .seed_paths import Walk
+from .seeds import SnappedSeeds
+from .surface import FloatArray, IntArray, Surface
+
+DETOUR = 0.02
+"""Ways along edges that are longer than the shortest by less than this share are tried as well."""
+FOOT_DETOUR = 0.04
+"""Likewise for ways that leave the rim elsewhere; near a rim, edges mislead more."""
+NEIGHBOURHOOD = 0.08
+"""Feet nearer to each other than this share of the rim are not told apart."""
+APART_MM = 3.0
+"""If they lead this far from the line that was found, mm."""
+
+
+class WaysAcrossOstia:
+    """Straight from a seed to its rim, then the shortest way over the open cavity, across its triangles.
+
+    An ostium is nearly flat, so that the straight line is what a path over a perfect cover would be, and the
+    triangles of the cover do not matter. In terms of the mesh, every ostium is covered by the cone from its seed,
+    and a path is a geodesic line over the two cones at its ends and the cavity between them. No path leads across
+    another ostium.
+
+    Trees and lines of seeds that did not move since the last call are kept.
+
+    Parameters
+    ----------
+    cavity : with its rims.
+    surface : the cavity as it is flattened: the same points, some edges flipped
+        (default: `Cavity.surface`).
+    """
+
+    def __init__(self, cavity: Cavity, surface: Surface | None = None) -> None:
+        surface = cavity.surface if surface is None else surface
+        self._cavity, self.surface = cavity, surface
+        self.mesh = HalfEdges.of(surface)
+        n, m = len(surface.points), len(surface.triangles)
+        self._fans = [np.stack([np.full(len(rim), n + k), np.roll(rim, -1), rim], axis=1) for k, rim in self._rims()]
+        triangles = np.concatenate([surface.triangles, *self._fans])
+        self._origin = np.ascontiguousarray(triangles).reshape(-1)
+        # Half-edge 1 of a cone's triangle lies on the rim, 0 and 2 on its neighbours in the cone.
+        self._twin = np.concatenate([self.mesh.twin, np.full(3 * sum(map(len, self._fans)), -1)])
+        self._joined: list[tuple[IntArray, IntArray]] = []
+        self._first = np.concatenate([self.mesh.first, np.zeros(len(cavity.rims), np.int64)])
+        start = 3 * m
+        for (hole, rim), fan in zip(self._rims(), self._fans, strict=True):
+            own = start + 3 * np.arange(len(fan))
+            self._joined.append((self.mesh.first[rim], own + 1))
+            self._first[n + hole] = start
+            self._twin[own] = np.roll(own, -1) + 2
+            self._twin[own + 2] = np.roll(own, 1)
+            start += 3 * len(fan)
+        corners = corner_angles(surface.points, surface.triangles)
+        self._corner_sums = np.bincount(surface.triangles.reshape(-1), corners, minlength=n)
+        ends, lengths = self.mesh.diagonals()
+        half = sparse.coo_matrix((lengths, tuple(ends.T)), shape=(n, n))
+        # Both ways round a mesh edge are edges of the graph, and the ways straight across one: far less jagged paths.
+        self._graph = (surface.edge_graph + (half + half.T)).tocsr()
+        self._trees: dict[str, tuple[bytes, PathTree]] = {}
+        self._walks: dict[tuple[str, str], tuple[bytes, Walk | None]] = {}
+
+    def _rims(self) -> list[tuple[int, IntArray]]:
+        return list(enumerate(self._cavity.rims))
+
+    def walk(self, seeds: SnappedSeeds, start: str, end: str) -> Walk | None:
+        """See `seed_paths.Ways`."""
+        key = self._key(seeds, start) + self._key(seeds, end)
+        known = self._walks.get((start, end))
+        if known is None or known[0] != key:
+            known = key, self._find(seeds, start, end)
+            self._walks[start, end] = known
+        return known[1]
+
+    def crossing(self, walks: Mapping[str, Walk]) -> set[frozenset[str]]:
+        """See `seed_paths.Ways`."""
+        lines = {name: walk.line for name, walk in walks.items() if walk.line is not None}
+        return meeting(self.surface, lines, touching=False)
+
+    def distance(self, seeds: SnappedSeeds, start: str, end: str) -> float:
+        """See `seed_paths.Ways`."""
+        return self._last(seeds, start, end)[1]
+
+    def to_outer_rim(self, seeds: SnappedSeeds, start: str) -> float:
+        """See `seed_paths.Ways`."""
+        return float(self._tree(seeds, start).distance[self._cavity.outer].min())
+
+    def _key(self, seeds: SnappedSeeds, label: str) -> bytes:
+        hole = seeds.hole.get(label, -1)
+        return seeds.positions[label].tobytes() + hole.to_bytes(4, "little", signed=True)
+
+    def _tree(self, seeds: SnappedSeeds, start: str) -> PathTree:
+        """All shortest ways along edges from a seed: over its cone to its rim, or to both sides on the outer rim."""
+        key = self._key(seeds, start)
+        if start not in self._trees or self._trees[start][0] != key:
+            # The seed is one more node, with edges out to its rim and none back in.
+            n = self._graph.shape[0]
+            rim, far = self._around(seeds, start)
+            extended = sparse.csr_matrix(
+                (
+                    np.append(self._graph.data, far),
+                    np.append(self._graph.indices, rim),
+                    np.append(self._graph.indptr, self._graph.nnz + len(rim)),
+                ),
+                shape=(n + 1, n + 1),
+            )
+            self._trees[start] = key, PathTree(extended, n)
+        return self._trees[start][1]
+
+    def _around(self, seeds: SnappedSeeds, label: str) -> tuple[IntArray, FloatArray]:
+        """The points of the cavity that can be reached straight from a seed, and how far they are, mm."""
+        if label in seeds.hole:
+            near = self._cavity.rims[seeds.hole[label]]
+        else:
+            outer = self._cavity.outer
+            first = int(seeds.outer_at[label])
+            near = outer[[first, (first + 1) % len(outer)]]
+        return near, np.linalg.norm(self.surface.points[near] - seeds.positions[label], axis=1)
+
+    def _last(self, seeds: SnappedSeeds, start: str, end: str) -> tuple[int, float]:
+        """The last point of the cavity on the edge path from one seed to another, and the length of that path, mm."""
+        near, far = self._around(seeds, end)
+        total = self._tree(seeds, start).distance[near] + far
+        return int(near[total.argmin()]), float(total.min())
+
+    def _mesh_between(self, seeds: SnappedSeeds, start: str, end: str) -> HalfEdges:
+        """The cavity with the cones of one or two seeds."""
+        surface, rims = self.surface, self._cavity.rims
+        n = len(surface.points)
+        points = np.concatenate([surface.points, np.zeros((len(rims), 3))])
+        twin = self._twin.copy()
+        angles = np.concatenate([self.mesh.angles, np.full(len(rims), np.inf)])
+        for label in (start, end):
+            if label in seeds.hole:
+                hole = seeds.hole[label]
+                points[n + hole] = seeds.positions[label]
+                inside, outside = self._joined[hole]
+                twin[inside], twin[outside] = outside, inside
+                fan = self._fans[hole]
+                cone = np.bincount(fan.reshape(-1), corner_angles(points, fan), minlength=n)
+                angles[rims[hole]] = self._corner_sums[rims[hole]] + cone[rims[hole]]
+        return HalfEdges(points, self._origin, twin, angles, self._first)
+
+    def _find(self, seeds: SnappedSeeds, start: str, end: str) -> Walk | None:
+        last, length = self._last(seeds, start, end)
+        if not np.isfinite(length):
+            return None
+        n, m = len(self.surface.points), len(self.surface.triangles)
+        out = self._tree(seeds, start)
+        direct = _path(out, last)
+        mesh = self._mesh_between(seeds, start, end)
+        begin, stop = self._place(seeds, start), self._place(seeds, end)
+
+        def line_along(path: list[int]) -> Line:
+            points = [n + seeds.hole[start], *self._over_edges(path)]
+            if end in seeds.hole:
+                points.append(n + seeds.hole[end])
+            strip = mesh.along(points, None, None if end in seeds.hole else stop.half_edge // 3)
+            return straighten(mesh, begin, stop, strip)
+
+        best = line_along(direct)
+        back = self._tree(seeds, end)
+        # Along edges, ways look longer than they are, and unevenly so: lines that leave a rim elsewhere, or on either
+        # side of the one found, may be shorter.
+        others = _beside(self.surface.points, best.positions(mesh.points), out.distance + back.distance)
+        ways = [[*_path(out, point), *_path(back, point)[-2::-1]] for point in others]
+        ways += [_path(back, point)[::-1] for point in self._other_feet(seeds, start, direct[0], back)]
+        ways += [_path(out, point) for point in self._other_feet(seeds, end, direct[-1], out)]
+        for way in ways:
+            other = line_along(_without_loops(way))
+            if other.length(mesh.points) < best.length(mesh.points):
+                best = other
+        return self._walk(seeds, start, end, best, mesh, m)
+
+    def _other_feet(self, seeds: SnappedSeeds, label: str, foot: int, tree: PathTree) -> list[int]:
+        """Points of the rim round a seed where the way from a far seed over them is shortest in their neighbourhood,
+        and little longer than over the foot that was found."""
+        if label not in seeds.hole:
+            return []
+        rim, far = self._around(seeds, label)
+        total = tree.distance[rim] + far
+        reach = max(1, round(NEIGHBOURHOOD * len(rim)))
+        lowest = minimum_filter1d(total, 2 * reach + 1, mode="wrap")
+        index = np.flatnonzero((total == lowest) & (total < (1.0 + FOOT_DETOUR) * total.min()))
+        own = int(np.flatnonzero(rim == foot)[0]) if (rim == foot).any() else int(total.argmin())
+        return [int(rim[k]) for k in index if min((k - own) % len(rim), (own - k) % len(rim)) > reach]
+
+    def _place(self, seeds: SnappedSeeds, label: str) -> Place:
+        if label in seeds.hole:
+            return Place(int(self._joined[seeds.hole[label]][1][0]) - 1, 0.0)
+        return rim_place(self.mesh, self._cavity.outer, seeds.outer_at[label])
+
+    def _over_edges(self, path: list[int]) -> list[int]:
+        """A path of the graph as a path along mesh edges."""
+        result = path[:1]
+        for a, b in pairwise(path):
+            near = self._neighbours(a)
+            if b not in near:
+                result.append(min(near & self._neighbours(b)))
+            result.append(b)
+        return result
+
+    def _neighbours(self, point: int) -> set[int]:
+        graph = self.surface.edge_graph
+        return set(graph.indices[graph.indptr[point] : graph.indptr[point + 1]].tolist())
+
+    def _walk(self, seeds: SnappedSeeds, start: str, end: str, line: Line, mesh: HalfEdges, m: int) -> Walk:
+        """The line with its feet on the rims, and its part over the cavity."""
+        strip = np.array(line.strip, np.int64)
+        twin = mesh.twin[strip]
+        # Out of the first cone for the last time, into the last one for the first time.
+        begin = int(np.flatnonzero(strip >= 3 * m)[-1]) + 1
+        feet = [(int(twin[begin - 1]), 1.0 - float(line.crossing[begin - 1]))]
+        if end in seeds.hole:
+            into = begin + int(np.flatnonzero(twin[begin:] >= 3 * m)[0])
+            feet.append((int(strip[into]), float(line.crossing[into])))
+        else:
+            into = len(strip)
+            place = rim_place(self.mesh, self._cavity.outer, seeds.outer_at[end])
+            feet.append((place.half_edge, place.share))
+        return Walk(
+            line.length(mesh.points),
+            (self._at(*feet[0]), self._at(*feet[1])),
+            line.positions(mesh.points),
+            strip=tuple(strip[begin:into].tolist()),
+            line=make_line(self.mesh, Place(*feet[0]), Place(*feet[1]), strip[begin:into], line.crossing[begin:into]),
+        )
+
+    def _at(self, half_edge: int, share: float) -> tuple[int, int, float]:
+        return int(self.mesh.origin[half_edge]), self.mesh.end(half_edge), share
+
+
+def _path(tree: PathTree, point: int) -> list[int]:
+    """The points of the cavity from the seed of a tree to one of them."""
+    ids = tree.to(point)
+    assert ids is not None
+    return ids[1:].tolist()
+
+
+def _without_loops(path: list[int]) -> list[int]:
+    """A path that comes to no point twice."""
+    result: list[int] = []
+    for point in path:
+        if point in result:
+            del result[result.index(point) + 1 :]
+        else:
+            result.append(point)
+    return result
+
+
+def _beside(points: FloatArray, line: FloatArray, through: FloatArray) -> list[int]:
+    """The points farthest from a line on either side of it, among those through which a way is little longer.
+
+    Parameters
+    ----------
+    line : (k, 3) mm.
+    through : (n + 1,) length of the shortest way along edges through each point, mm.
+    """
+    near = np.flatnonzero(through[: len(points)] < (1.0 + DETOUR) * through.min())
+    if not len(near):
+        return []
+    distance, nearest = cKDTree(line).query(points[near])
+    one = int(distance.argmax())
+    if distance[one] < APART_MM:
+        return []
+    offset = points[near] - line[nearest]
+    other_side = offset @ offset[one] < 0.0
+    found = [int(near[one])]
+    if other_side.any():
+        two = int(np.where(other_side, distance, 0.0).argmax())
+        if distance[two] >= APART_MM:
+            found.append(int(near[two]))
+    return found
+
+
+def rim_place(mesh: HalfEdges, loop: IntArray, at: float) -> Place:
+    """The place on a rim at a coordinate along it: index in the loop plus share of the way to the next point.
+
+    Parameters
+    ----------
+    loop : the rim as point ids, either way round.
+    """
+    index = int(np.floor(at)) % len(loop)
+    share = float(at - np.floor(at))
+    a, b = int(loop[index]), int(loop[(index + 1) % len(loop)])
+    forward = int(mesh.first[a])
+    if mesh.end(forward) == b:
+        return Place(forward, share)
+    if share == 0.0:
+        return Place(forward, 0.0)
+    return Place(int(mesh.first[b]), 1.0 - share)
