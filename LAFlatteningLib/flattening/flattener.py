@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ from ..cavity.openings import Cavity, make_cavity, nearest_rim
 from ..constraints import Constraints, constraints_by_count, constraints_by_length
 from ..distortion import folded_triangles
 from ..division import Division, divide_as_published
+from ..errors import FoldError, SurfaceError
 from ..line_division import divide
 from ..ostium_ways import WaysAcrossOstia
 from ..progress import ProgressCallback, Stopwatch, part, report
@@ -23,7 +24,8 @@ from ..surface import FloatArray, IntArray, Surface
 from ..template import DEFAULT_TEMPLATE, Template
 from .chords import flip_chords
 from .flat_map import FlatMap
-from .refinement import lower_distortion
+from .preview import COARSE_POINTS, PREVIEW_STEPS, Preview, Previewer, coarsened
+from .refinement import STEPS, lower_distortion
 from .untangling import fold_error, untangle
 
 METHODS = ("regional", "paper")
@@ -71,6 +73,9 @@ class Flattener:
         self.check_axes = check_axes
         self._prepared: tuple[Cavity, Surface, int] | None = None
         self._ways: WaysAcrossOstia | None = None
+        self._steps: Sequence[int] = STEPS
+        self._latest: FlatMap | None = None
+        self._previewer: Previewer | None = None
 
     def flatten(self, seeds: Mapping[str, FloatArray], progress: ProgressCallback | None = None) -> FlatMap:
         """The map for these seeds.
@@ -111,7 +116,7 @@ class Flattener:
         else:
             flat, constraints, freed = self._solve(surface, division, watch, progress)
         report(progress, 1.0, "Done")
-        return FlatMap(
+        self._latest = FlatMap(
             flat,
             surface,
             cavity,
@@ -125,6 +130,38 @@ class Flattener:
             freed,
             watch.stop(),
         )
+        return self._latest
+
+    def preview(self, seeds: Mapping[str, FloatArray]) -> Preview:
+        """A quick map for these seeds, to show while one is being moved; see `preview.Preview`.
+
+        The first call after another surface or another outer rim takes longer than the following ones, and so does
+        the first call after `flatten`.
+
+        Raises
+        ------
+        SurfaceError, SeedError, FoldError : as `flatten` would.
+        """
+        seeds = check_labels(seeds, self.template.anatomy)
+        outer_points = np.array([seeds[label] for label in self.template.anatomy.outer_seeds])
+        cavity, surface, _ = self._prepare(outer_points)
+        if self._previewer is None or self._previewer.surface is not surface:
+            self._previewer = self._make_previewer(surface, outer_points)
+        latest = self._latest if self._latest is not None and self._latest.surface is surface else None
+        # On this surface, not on the coarse one, seeds go to their places.
+        return self._previewer.preview(snap_seeds(seeds, cavity, self.template.anatomy).positions, latest)
+
+    def _make_previewer(self, surface: Surface, outer_points: FloatArray) -> Previewer:
+        for points in COARSE_POINTS:
+            coarse = Flattener(coarsened(surface, points), self.template, self.method, self.rounding, self.check_axes)
+            coarse._steps = PREVIEW_STEPS
+            try:
+                _, coarse_surface, _ = coarse._prepare(outer_points)
+                return Previewer(coarse_surface, surface, coarse.flatten)
+            except (SurfaceError, FoldError):
+                # Decimation spoiled the mesh.
+                continue
+        return Previewer(surface, surface, self.flatten)
 
     def _prepare(self, outer_points: FloatArray) -> tuple[Cavity, Surface, int]:
         """The cavity, its surface as it is flattened, and the number of edges flipped for that."""
@@ -178,7 +215,9 @@ class Flattener:
             loose[constraints.path_ids] = True
             flat, freed = untangle(flat, np.concatenate([cut.triangles, guarded]), cut.points, fixed, loose)
         with watch.stage("refine"):
-            flat = lower_distortion(flat, cut, ~(fixed | loose), guarded, factorisation.order, part(progress, 0.6, 1.0))
+            flat = lower_distortion(
+                flat, cut, ~(fixed | loose), guarded, factorisation.order, self._steps, part(progress, 0.6, 1.0)
+            )
         # The promise of this method, checked on every map.
         for points, triangles in ((cut.points, cut.triangles), (surface.points, surface.triangles)):
             left = folded_triangles(flat, triangles)

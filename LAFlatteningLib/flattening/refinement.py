@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,6 +31,7 @@ def lower_distortion(
     movable: NDArray[np.bool_],
     guarded: IntArray | None = None,
     order: IntArray | None = None,
+    most: Sequence[int] = STEPS,
     progress: ProgressCallback | None = None,
 ) -> FloatArray:
     """The map with less change of angles and areas, and still without folds.
@@ -42,6 +45,7 @@ def lower_distortion(
     movable : (n,) points that may move; the others stay exactly where they are.
     guarded : (g, 3) more triangles that must not fold, beside those of the surface.
     progress : told the share done.
+    most : see `STEPS`.
     order : order of elimination for the movable points, if one is known (`solvers.Factorisation.order`).
     """
     areas = surface.triangle_areas
@@ -60,8 +64,8 @@ def lower_distortion(
     )
     variables = energy.start()
     radius = 0.5 * float(np.ptp(flat, axis=0).max())
-    for number, steps in enumerate(STEPS):
-        report(progress, number / len(STEPS), "Lowering the distortion")
+    for number, steps in enumerate(most):
+        report(progress, number / len(most), "Lowering the distortion")
         preconditioner = energy.preconditioner(variables, order)
         order = preconditioner.order
         before = variables
