@@ -251,6 +251,7 @@ def descend(
     precondition: Factorisation,
     steps: int,
     tolerance: float = 1e-4,
+    still: float = 0.0,
 ) -> tuple[FloatArray, int]:
     """Lower a function by limited-memory quasi-Newton steps started from a preconditioner.
 
@@ -264,6 +265,8 @@ def descend(
     reach : the farthest that a point may move in one step, `PatchEnergy.reach`.
     steps : most steps to take.
     tolerance : stop once a step lowers the function by less than this share of it.
+
+    still : stop once a step moves no point by more than this.
 
     Returns
     -------
@@ -305,7 +308,7 @@ def descend(
                 # Nocedal and Wright, equation 7.20, in the metric of the preconditioner.
                 scale = curvature / _dot(y, precondition.solve(y))
             history.append(_Pair(s, y, 1.0 / curvature))
-        small = value - new_value < tolerance * abs(value)
+        small = value - new_value < tolerance * abs(value) or float(np.abs(s).max()) < still
         variables, value, gradient = trial, new_value, new_gradient
         if small:
             return variables, step + 1

@@ -15,6 +15,7 @@ from ..cavity.openings import POINT_ID_ARRAY, Cavity
 from ..constraints import Constraints
 from ..division import Division, label_regions
 from ..seeds import SnappedSeeds
+from ..solvers import solver_name
 from ..surface import FloatArray, IntArray, Surface
 from ..template import Template
 
@@ -69,6 +70,12 @@ class FlatMap:
         area = np.zeros((len(self.triangles), max(anatomy.regions) + 1))
         np.add.at(area, (self.division.parent, region), self.division.surface.triangle_areas)
         return area.argmax(axis=1)
+
+    @property
+    def lines(self) -> dict[str, tuple[FloatArray, FloatArray]]:
+        """Path -> its places from foot to foot, on the atrium (k, 3) mm and on the map (k, 2) map units."""
+        points = self.division.surface.points
+        return {name: (points[ids], self.solution[ids]) for name, ids in self.division.paths.items()}
 
     @property
     def triangles(self) -> IntArray:
@@ -129,6 +136,7 @@ class FlatMap:
             "version": __version__,
             "method": self.method,
             "rounding": self.rounding,
+            "solver": solver_name(),
             "template": self.template.name,
             "points": len(self.points),
             "triangles": len(self.triangles),

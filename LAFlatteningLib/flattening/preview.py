@@ -18,7 +18,7 @@ from .flat_map import FlatMap
 
 COARSE_POINTS = (2000, 3000, 5000)
 """Points of the coarse copy, about; the next number is tried where decimation spoils the mesh."""
-PREVIEW_STEPS = (4, 4, 8)
+PREVIEW_STEPS = (2, 2, 4, 6)
 """Quasi-Newton steps on the coarse copy, see `refinement.STEPS`."""
 
 

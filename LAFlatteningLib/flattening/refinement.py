@@ -15,14 +15,17 @@ from .untangling import corner_matrix, neighbourhood
 
 WORST = 10.0
 """Triangles with a larger dilatation than this (about) are relaxed first, by themselves."""
-WORST_RINGS, WORST_STEPS = 4, (6, 6, 6)
+RINGS, WORST_STEPS = 4, (6, 6, 6)
 """Rings of triangles round them that move along, and quasi-Newton steps from preconditioner to preconditioner."""
-STEPS = (4, 4, 10, 10, 20, 20)
+LEVELS = 6
+"""Most times that the very worst, within a factor of ten, are relaxed before the others join them."""
+STEPS = (2, 2, 4, 20, 40)
 """Most quasi-Newton steps; the preconditioner is made anew, from the map as it is by then, between them."""
 GUARD = 1e-2
 """Weight of the triangles that are only guarded against folding, whose area the others count already."""
-STILL = 2e-3
-"""Stop after steps that together move fewer than one point in twenty by more than this share of the map's radius."""
+STILL = 2e-4
+"""In the last round of steps, stop once one moves no point by more than this share of the map's radius. (Before, steps
+may be short because a triangle is all but folded.)"""
 
 
 def lower_distortion(
@@ -68,11 +71,10 @@ def lower_distortion(
         report(progress, number / len(most), "Lowering the distortion")
         preconditioner = energy.preconditioner(variables, order)
         order = preconditioner.order
-        before = variables
-        variables, _ = descend(energy.distortion, variables, energy.reach, preconditioner, steps, tolerance=0.0)
-        moved = np.abs(variables - before).max(axis=1)
-        if np.percentile(moved, 95) < STILL * radius:
-            break
+        still = STILL * radius if number == len(most) - 1 else 0.0
+        variables, _ = descend(
+            energy.distortion, variables, energy.reach, preconditioner, steps, tolerance=0.0, still=still
+        )
     result = flat.copy()
     result[energy.ids] = variables
     return result
@@ -83,20 +85,26 @@ def _relax_worst(
 ) -> FloatArray:
     """The map with the places where triangles are all but folded relaxed.
 
-    A few such triangles, left where folds were turned back, would keep every step of the whole map short.
+    A few such triangles, left where folds were turned back, would keep every step of the whole map short. The very
+    worst come first, by themselves, or they would do the same in their patches.
     """
-    whole = PatchEnergy(flat, triangles, rest_shapes(points, triangles, scale), movable)
-    worst = np.flatnonzero(whole.mips(whole.start()) > 0.5 * WORST)
-    near = neighbourhood(corner_matrix(triangles, len(flat)), worst, WORST_RINGS) & movable
-    if not near.any():
-        return flat
-    used = triangles[near[triangles].any(axis=1)]
-    areas = operators.triangle_areas(points, used)
-    energy = PatchEnergy(flat, used, rest_shapes(points, used, scale), near, areas / areas.mean())
-    variables = energy.start()
-    for steps in WORST_STEPS:
-        preconditioner = energy.preconditioner(variables)
-        variables, _ = descend(energy.distortion, variables, energy.reach, preconditioner, steps, tolerance=0.0)
+    rest, areas = rest_shapes(points, triangles, scale), operators.triangle_areas(points, triangles)
+    whole = PatchEnergy(flat, triangles, rest, movable)
+    corner = corner_matrix(triangles, len(flat))
     result = flat.copy()
-    result[energy.ids] = variables
+    for level in range(LEVELS + 1):
+        mips = whole.mips(result[whole.ids])
+        last = level == LEVELS or mips.max() < 2.0 * WORST
+        near = neighbourhood(corner, np.flatnonzero(mips > max(0.5 * WORST, 0.0 if last else 0.1 * mips.max())), RINGS)
+        used = (near & movable)[triangles].any(axis=1)
+        if not used.any():
+            break
+        patch = PatchEnergy(result, triangles[used], rest[used], near & movable, areas[used] / areas[used].mean())
+        variables = patch.start()
+        for steps in WORST_STEPS:
+            preconditioner = patch.preconditioner(variables)
+            variables, _ = descend(patch.distortion, variables, patch.reach, preconditioner, steps, tolerance=0.0)
+        result[patch.ids] = variables
+        if last:
+            break
     return result
