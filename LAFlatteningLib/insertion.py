@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -208,19 +209,31 @@ def meeting(surface: Surface, lines: Mapping[str, Line], touching: bool = True) 
         if a != b:
             found.add(frozenset((names[a], names[b])))
 
+    through: dict[int, set[int]] = {}
+    for k in np.flatnonzero(~on_edge).tolist():
+        through.setdefault(int(ends[k, 0]), set()).add(int(line[k]))
+    at_edge: dict[int, list[tuple[float, int]]] = {}
+    for k in np.flatnonzero(on_edge).tolist():
+        at_edge.setdefault(int(edge[k]), []).append((float(share[k]), int(line[k])))
     if touching:
-        through: dict[int, int] = {}
-        for k in np.flatnonzero(~on_edge).tolist():
-            note(through.setdefault(int(ends[k, 0]), int(line[k])), int(line[k]))
-        # Places on one edge that are nearly the same.
-        order = np.flatnonzero(on_edge)
-        order = order[np.lexsort((share[order], edge[order]))]
-        close = (np.diff(edge[order]) == 0) & (np.diff(share[order]) < TOO_CLOSE)
-        for k in np.flatnonzero(close).tolist():
-            note(int(line[order[k]]), int(line[order[k + 1]]))
+        for several in through.values():
+            for a, b in combinations(sorted(several), 2):
+                note(a, b)
+        for places in at_edge.values():
+            for (one, a), (other, b) in combinations(places, 2):
+                if abs(one - other) < TOO_CLOSE:
+                    note(a, b)
     # Pieces in one triangle whose ends alternate round it.
     first = np.flatnonzero(np.diff(line) == 0)
     inside = chord_triangles(surface, ends[first], ends[first + 1])
+    # Pieces along an edge, and what crosses it there.
+    for k in first[inside < 0].tolist():
+        corners = np.unique(ends[k : k + 2])
+        along, _ = edges_of(surface, np.stack([corners, corners]), np.zeros(2), np.ones(2, bool))
+        stretch = sorted(float(share[j]) if on_edge[j] else float(ends[j, 0] == corners[1]) for j in (k, k + 1))
+        for place, other in at_edge.get(int(along[0]), []):
+            if stretch[0] < place < stretch[1]:
+                note(int(line[k]), other)
     per_triangle: dict[int, list[int]] = {}
     for k, triangle in zip(first.tolist(), inside.tolist(), strict=True):
         if triangle >= 0:
@@ -240,10 +253,9 @@ def meeting(surface: Surface, lines: Mapping[str, Line], touching: bool = True) 
             return i + along if corners[(i + 1) % 3] == b else corners.index(b) + 1.0 - along
 
         spans = [(int(line[k]), sorted((round_at(k), round_at(k + 1)))) for k in chords]
-        for i, (one, (a, b)) in enumerate(spans):
-            for other, (c, d) in spans[i + 1 :]:
-                if (a < c < b) != (a < d < b) and c not in (a, b) and d not in (a, b):
-                    note(one, other)
+        for (one, (low, high)), (other, (c, d)) in combinations(spans, 2):
+            if (low < c < high) != (low < d < high) and c not in (low, high) and d not in (low, high):
+                note(one, other)
     return found
 
 

@@ -177,7 +177,9 @@ def _feet(rim: _Rim, connected: SeedPaths, template: Template, opening: str) -> 
     anatomy = template.anatomy
     order, feet = anatomy.feet(opening), connected.feet[opening]
     if opening == anatomy.outer:
-        return {name: rim.coordinate(rim.position(feet[name])) for name in order}
+        moved = {name: rim.coordinate(rim.position(feet[name])) for name in order}
+        # Not onto one point of the rim.
+        return moved if len(set(moved.values())) == len(moved) else {name: feet[name] for name in order}
     first = rim.position(feet[order[0]])
     along = np.array([(rim.position(feet[name]) - first) % rim.length for name in order])
     if template.rim(opening).spread_feet:

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 from scipy import sparse
 from scipy.ndimage import minimum_filter1d
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from .cavity.openings import Cavity
@@ -19,14 +20,19 @@ from .seed_paths import Walk
 from .seeds import SnappedSeeds
 from .surface import FloatArray, IntArray, Surface
 
-DETOUR = 0.02
-"""Ways along edges that are longer than the shortest by less than this share are tried as well."""
+DETOURS = (0.007, 0.02)
+"""Ways along edges that are longer than the shortest by less than these shares are tried as well, if there is a ridge
+between them and the line that was found."""
 FOOT_DETOUR = 0.04
 """Likewise for ways that leave the rim elsewhere; near a rim, edges mislead more."""
+MOST_OTHERS = 3
+"""No more other lines than this are tried."""
 NEIGHBOURHOOD = 0.08
 """Feet nearer to each other than this share of the rim are not told apart."""
+BANDS = 8
+"""Slices of the way in which they are looked for."""
 APART_MM = 3.0
-"""If they lead this far from the line that was found, mm."""
+"""And if they are this far from all lines tried, mm."""
 
 
 class WaysAcrossOstia:
@@ -177,14 +183,23 @@ class WaysAcrossOstia:
         back = self._tree(seeds, end)
         # Along edges, ways look longer than they are, and unevenly so: lines that leave a rim elsewhere, or on either
         # side of the one found, may be shorter.
-        others = _beside(self.surface.points, best.positions(mesh.points), out.distance + back.distance)
-        ways = [[*_path(out, point), *_path(back, point)[-2::-1]] for point in others]
-        ways += [_path(back, point)[::-1] for point in self._other_feet(seeds, start, direct[0], back)]
-        ways += [_path(out, point) for point in self._other_feet(seeds, end, direct[-1], out)]
-        for way in ways:
+        # (The last entry of a tree is its seed.)
+        through = (out.distance + back.distance)[:-1]
+        share = out.distance[:-1] / np.maximum(through, 1e-12)
+        tried = [cKDTree(best.positions(mesh.points))]
+        valleys = _other_valleys(self.surface, self._graph, through, share, tried[0])
+        ways = [(point, [*_path(out, point), *_path(back, point)[-2::-1]]) for point in valleys]
+        ways += [(point, _path(back, point)[::-1]) for point in self._other_feet(seeds, start, direct[0], back)]
+        ways += [(point, _path(out, point)) for point in self._other_feet(seeds, end, direct[-1], out)]
+        for point, way in ways:
+            if min(known.query(mesh.points[point])[0] for known in tried) < APART_MM:
+                continue
             other = line_along(_without_loops(way))
+            tried.append(cKDTree(other.positions(mesh.points)))
             if other.length(mesh.points) < best.length(mesh.points):
                 best = other
+            if len(tried) > MOST_OTHERS:
+                break
         return self._walk(seeds, start, end, best, mesh, m)
 
     def _other_feet(self, seeds: SnappedSeeds, label: str, foot: int, tree: PathTree) -> list[int]:
@@ -263,29 +278,37 @@ def _without_loops(path: list[int]) -> list[int]:
     return result
 
 
-def _beside(points: FloatArray, line: FloatArray, through: FloatArray) -> list[int]:
-    """The points farthest from a line on either side of it, among those through which a way is little longer.
+def _other_valleys(
+    surface: Surface, graph: sparse.csr_matrix, through: FloatArray, share: FloatArray, line: cKDTree
+) -> list[int]:
+    """A point in each place, apart from a line, through which ways are little longer and that a ridge parts from it.
 
     Parameters
     ----------
-    line : (k, 3) mm.
-    through : (n + 1,) length of the shortest way along edges through each point, mm.
+    graph : edges between the points of the surface.
+    through : (n,) length of the shortest way along edges through each point, mm.
+    share : (n,) how much of it is behind at the point, 0 to 1.
+    line : the line that was found.
     """
-    near = np.flatnonzero(through[: len(points)] < (1.0 + DETOUR) * through.min())
-    if not len(near):
-        return []
-    distance, nearest = cKDTree(line).query(points[near])
-    one = int(distance.argmax())
-    if distance[one] < APART_MM:
-        return []
-    offset = points[near] - line[nearest]
-    other_side = offset @ offset[one] < 0.0
-    found = [int(near[one])]
-    if other_side.any():
-        two = int(np.where(other_side, distance, 0.0).argmax())
-        if distance[two] >= APART_MM:
-            found.append(int(near[two]))
-    return found
+    found: list[int] = []
+    # Slices across the way: in each, what is not joined to the line lies beyond a ridge or an opening.
+    band = np.floor(share * BANDS).astype(np.int64)
+    between = (band > 0) & (band < BANDS - 1)
+    for detour in DETOURS:
+        near = np.flatnonzero((through < (1.0 + detour) * through.min()) & between)
+        if not len(near):
+            continue
+        joined = graph[near][:, near].tocoo()
+        same = band[near[joined.row]] == band[near[joined.col]]
+        joined = sparse.coo_matrix((joined.data[same], (joined.row[same], joined.col[same])), shape=joined.shape)
+        valley = connected_components(joined, directed=False)[1]
+        distance = line.query(surface.points[near])[0]
+        closest = np.full(valley.max() + 1, np.inf)
+        np.minimum.at(closest, valley, distance)
+        for k in np.flatnonzero(closest >= APART_MM):
+            inside = near[valley == k]
+            found.append(int(inside[through[inside].argmin()]))
+    return sorted(found, key=lambda point: float(through[point]))
 
 
 def rim_place(mesh: HalfEdges, loop: IntArray, at: float) -> Place:
