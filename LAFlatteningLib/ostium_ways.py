@@ -324,6 +324,7 @@ def rim_place(mesh: HalfEdges, loop: IntArray, at: float) -> Place:
     forward = int(mesh.first[a])
     if mesh.end(forward) == b:
         return Place(forward, share)
-    if share == 0.0:
+    # Also where the share is too small to make a difference.
+    if 1.0 - share == 1.0:
         return Place(forward, 0.0)
     return Place(int(mesh.first[b]), 1.0 - share)

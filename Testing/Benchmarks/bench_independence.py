@@ -14,6 +14,25 @@ import remeshed
 from LAFlatteningLib import Flattener
 
 
+def convergence(method: str, sizes: tuple[int, ...] = (2500, 5000, 10000, 20000, 40000), finest: int = 160000) -> None:
+    """The phantom at several resolutions against a much finer one, and the order in the length of an edge."""
+    print(f"\nThe phantom against its map at {finest} points, in disk radii")
+    surface, seeds = cases.phantom(finest)
+    fine = Flattener(surface, method=method).flatten(seeds)
+    places = remeshed.spread(surface, 4000)
+    there = remeshed.carried(fine.surface, fine.points, places)
+    medians, edges = [], []
+    for size in sizes:
+        surface, seeds = cases.phantom(size)
+        coarse = Flattener(surface, method=method).flatten(seeds)
+        apart = np.linalg.norm(remeshed.carried(coarse.surface, coarse.points, places) - there, axis=1)
+        medians.append(np.median(apart) / fine.template.radius)
+        edges.append(float(np.median(surface.edge_lengths)))
+        p95 = np.percentile(apart, 95) / fine.template.radius
+        print(f"{size:>8} points, edges {edges[-1]:.2f} mm: median {medians[-1]:.5f}  p95 {p95:.5f}", flush=True)
+    print(f"order of convergence of the median: {np.polyfit(np.log(edges), np.log(medians), 1)[0]:.2f}")
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -38,6 +57,7 @@ def main() -> None:
                 f"{name:<18} {kind:>18} {np.median(moved):>8.4f} {np.percentile(moved, 95):>8.4f} {moved.max():>8.4f}",
                 flush=True,
             )
+    convergence(options.method)
 
 
 if __name__ == "__main__":

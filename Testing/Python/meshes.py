@@ -78,6 +78,70 @@ def planar(points: np.ndarray, inside) -> Surface:
     return Surface(np.column_stack([points, np.zeros(len(points))]), triangles[keep])
 
 
+def jittered(nx: int = 8, ny: int = 7, seed: int = 0, amount: float = 0.3) -> Surface:
+    """A flat rectangle of unit steps, its inner points shaken by up to `amount`, triangulated by Delaunay."""
+    flat = grid(nx, ny, nx - 1.0, ny - 1.0).points[:, :2]
+    inner = ((flat > 0) & (flat < [nx - 1, ny - 1])).all(axis=1)
+    shake = np.random.default_rng(seed).uniform(-amount, amount, flat.shape)
+    return planar(flat + inner[:, None] * shake, lambda centre: np.ones(len(centre), bool))
+
+
+def pierced(size: float, n: int, holes: list[np.ndarray], seed: int = 0) -> Surface:
+    """A flat square with its corner at the origin, n points a side, with convex polygons (k, 2) cut out of it."""
+    step = size / (n - 1)
+    flat = grid(n, n, size, size).points[:, :2]
+    inner = ((flat > 0) & (flat < size)).all(axis=1)
+    flat = flat + inner[:, None] * np.random.default_rng(seed).uniform(-0.25 * step, 0.25 * step, flat.shape)
+
+    def outside(at: np.ndarray, margin: float) -> np.ndarray:
+        clear = np.ones(len(at), bool)
+        for hole in holes:
+            along = np.roll(hole, -1, axis=0) - hole
+            inward = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.linalg.norm(along, axis=1, keepdims=True)
+            clear &= np.einsum("ijk,jk->ij", at[:, None] - hole, inward).min(axis=1) < -margin
+        return clear
+
+    rims = []
+    for hole in holes:
+        for a, b in zip(hole, np.roll(hole, -1, axis=0), strict=True):
+            steps = max(1, round(np.linalg.norm(b - a) / step))
+            rims.append(a + np.arange(steps)[:, None] / steps * (b - a))
+    return planar(np.concatenate([flat[outside(flat, 0.4 * step)], *rims]), lambda centre: outside(centre, 0.0))
+
+
+def tetrahedron(n: int = 6) -> tuple[Surface, np.ndarray]:
+    """A regular tetrahedron of edge 1, n steps an edge, outward oriented; and where its points lie unfolded, (k, 2).
+
+    It unfolds into a triangle of side 2. Two places p and q of it are joined by straight lines of the lengths
+    ``|p - q - 2 l|`` and ``|p + q - 2 l|``, l in the lattice of the triangles with sides 1, and by no others.
+    """
+    high = np.sqrt(3.0) / 2.0
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, high], [2.0, 0.0], [1.5, high], [1.0, 2.0 * high]])
+    solid = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1.0]]) / np.sqrt(8.0)
+    # The corners of the large triangle are all the first corner of the tetrahedron.
+    faces = [((0, 1, 2), (0, 1, 2)), ((1, 4, 2), (1, 3, 2)), ((1, 3, 4), (1, 0, 3)), ((2, 4, 5), (2, 3, 0))]
+    points, flat, triangles = [], [], []
+    for in_plane, in_space in faces:
+        start = len(points)
+        index = {}
+        for i in range(n + 1):
+            for j in range(n + 1 - i):
+                weights = np.array([n - i - j, i, j]) / n
+                index[i, j] = start + len(index)
+                points.append(weights @ solid[list(in_space)])
+                flat.append(weights @ corners[list(in_plane)])
+        for i, j in index:
+            if i + j < n:
+                triangles.append((index[i, j], index[i + 1, j], index[i, j + 1]))
+            if i + j < n - 1:
+                triangles.append((index[i + 1, j], index[i + 1, j + 1], index[i, j + 1]))
+    _, first, same = np.unique(np.round(points, 9), axis=0, return_index=True, return_inverse=True)
+    surface = Surface(np.array(points)[first], same.reshape(-1)[np.array(triangles)])
+    if surface.enclosed_volume < 0:
+        surface = surface.with_triangles(surface.triangles[:, ::-1])
+    return surface, np.array(flat)[first]
+
+
 def tetrahedra_sharing_a_point() -> Surface:
     """Two closed surfaces that touch in one point: not a manifold there."""
     corners = np.array([[0, 0, 0], [40, 0, 0], [0, 40, 0], [0, 0, 40], [-40, 0, 0], [0, -40, 0], [0, 0, -40.0]])
