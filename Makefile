@@ -7,7 +7,7 @@ DEMO ?= demo
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test lint bench clean screenshots
+.PHONY: demo test lint bench bench-drag clean panel resources screenshots
 
 demo: $(VENV)/figures.stamp
 	$(BIN)/la-flatten demo --output $(DEMO)
@@ -24,6 +24,18 @@ bench: $(VENV)/test.stamp
 	$(BIN)/python Testing/Benchmarks/bench_flattening.py
 	$(BIN)/python Testing/Benchmarks/bench_folds.py
 
+# How quickly the map follows a seed that is dragged in the panel.
+bench-drag: $(VENV)/test.stamp
+	$(BIN)/python Testing/Benchmarks/bench_drag.py
+
+# The module in a window of its own, for those without Slicer.
+panel: $(VENV)/test.stamp
+	PYTHONPATH=Testing/Host $(BIN)/python -m slicer_host.desktop LAFlattening/LAFlattening.py
+
+# Icon, thumbnail and seed diagrams of the module, drawn from the phantom and the template.
+resources: $(VENV)/figures.stamp
+	$(BIN)/python Testing/Tools/draw_resources.py
+
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' \
 	  || { echo "LAFlattening needs Python 3.10 or newer; try: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }
@@ -38,7 +50,8 @@ $(VENV)/%.stamp: pyproject.toml | $(BIN)/python
 clean:
 	rm -rf $(VENV) demo
 
-# The picture of the README.
-screenshots: demo
+# The pictures of README and guides; the module's need off-screen OpenGL (Debian: libegl1 libgl1-mesa-dri).
+screenshots: demo $(VENV)/test.stamp
 	mkdir -p Screenshots
 	cp $(DEMO)/figure.png Screenshots/map.png
+	$(BIN)/python Testing/Tools/screenshots.py

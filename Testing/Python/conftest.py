@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "Testing" / "Host"))
+
+from slicer_host.pytest_hooks import host, host_with_qt, host_with_views  # noqa: E402
+
+__all__ = ["host", "host_with_qt", "host_with_views"]
 
 
 @pytest.fixture(scope="session")
