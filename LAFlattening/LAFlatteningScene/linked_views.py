@@ -1,0 +1,174 @@
+"""Keeps views, colours, overlay and cursor as the parameter node says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import slicer
+import vtk
+from slicer.util import VTKObservationMixin
+
+from LAFlatteningLib import LAFlatteningError
+
+from .cursor import LinkedCursor
+from .display_link import DisplayLink
+from .live_update import surfaceMoved
+from .map_nodes import settingsOf
+from .openings import hideOpenings, openingsNode, showOpenings
+from .overlay import overlayOf, updateOverlay
+from .seed_nodes import seedPositions
+from .surface_nodes import Settings
+from .views import ATRIUM_VIEW, MAP_VIEW, MapView, Visibility, threeDView, viewNode
+
+if TYPE_CHECKING:
+    from LAFlattening import LAFlatteningLogic, LAFlatteningParameterNode
+
+
+class LinkedViews(VTKObservationMixin):
+    """Follows the nodes of a parameter node in the views; see `LAFlatteningLogic.linkViews`."""
+
+    def __init__(
+        self,
+        logic: LAFlatteningLogic,
+        parameterNode: LAFlatteningParameterNode,
+        onReadout: Callable[[str], None] | None = None,
+    ) -> None:
+        super().__init__()
+        self._logic, self._parameters, self._onReadout = logic, parameterNode, onReadout
+        self._visibility, self.mapView = Visibility(), MapView()
+        self._colours: DisplayLink | None = None
+        self.cursor: LinkedCursor | None = None
+        self._linked: tuple[object, ...] = ()
+        self._framed: tuple[object, ...] = ()
+        self._surface: slicer.vtkMRMLModelNode | None = None
+        self._map: slicer.vtkMRMLModelNode | None = None
+        self._settings: Settings | None = None
+        self._busy = False
+        self._visibility.start()
+        scene = slicer.mrmlScene
+        self.addObserver(parameterNode, vtk.vtkCommand.ModifiedEvent, self._onChange)
+        self.addObserver(scene, scene.NodeAboutToBeRemovedEvent, self._onNodeAboutToBeRemoved)
+        self.addObserver(scene, scene.NodeRemovedEvent, self._onChange)
+        self.addObserver(scene, scene.StartCloseEvent, lambda *_: self.stop())
+        self.update()
+
+    def stop(self) -> None:
+        """No longer follow. What is shown stays, but for the cursor's markers."""
+        self.removeObservers()
+        self._visibility.stop()
+        self.mapView.stop()
+        for part in (self._colours, self.cursor):
+            if part is not None:
+                part.stop()
+        self._colours = self.cursor = None
+
+    def frame(self) -> None:
+        """Show the whole disk in the map view."""
+        p = self._parameters
+        self.mapView.frame(settingsOf(p.map).diskDiameter if p.map is not None else p.diskDiameter)
+
+    def update(self) -> None:
+        """Bring everything in line with the parameter node and the layout."""
+        if self._busy:
+            return
+        self._busy = True
+        try:
+            self._updateMap()
+            self._updateOpenings()
+            self._updateLinks()
+        finally:
+            self._busy = False
+
+    def _updateMap(self) -> None:
+        p, mapNode = self._parameters, _alive(self._parameters.map)
+        if mapNode is not self._map:
+            if self._map is not None:
+                self.removeObserver(self._map, vtk.vtkCommand.ModifiedEvent, self._onMap)
+            if mapNode is not None:
+                self.addObserver(mapNode, vtk.vtkCommand.ModifiedEvent, self._onMap)
+            self._map = mapNode
+        self._settings = settingsOf(mapNode) if mapNode is not None else None
+        onMap = []
+        if mapNode is not None and mapNode.GetPolyData() is not None:
+            overlay = updateOverlay(mapNode)
+            for node, visible in zip(overlay, (p.showTemplate, p.showLabels), strict=True):
+                if bool(node.GetDisplayNode().GetVisibility()) != visible:
+                    node.GetDisplayNode().SetVisibility(visible)
+            onMap = [mapNode, *overlay]
+        if self.cursor is not None:
+            onMap.append(self.cursor.markers["map"])
+        self._visibility.setMapNodes(onMap)
+        view = viewNode(MAP_VIEW)
+        diameter = self._settings.diskDiameter if self._settings is not None else p.diskDiameter
+        # Framed anew only then: the user may have zoomed in.
+        now = (view, threeDView(view) is not None, diameter)
+        if view is not None and now != self._framed:
+            self._framed = now
+            self.mapView.setUp(diameter)
+
+    def _updateOpenings(self) -> None:
+        p = self._parameters
+        surface = _alive(p.surface)
+        if surface is not self._surface:
+            if self._surface is not None:
+                self.removeObserver(self._surface, slicer.vtkMRMLModelNode.MeshModifiedEvent, self._onChange)
+                self.removeObserver(self._surface, surfaceMoved(), self._onChange)
+                hideOpenings(self._surface)
+            self._surface = surface
+            if surface is not None:
+                self.addObserver(surface, slicer.vtkMRMLModelNode.MeshModifiedEvent, self._onChange)
+                self.addObserver(surface, surfaceMoved(), self._onChange)
+        if surface is None:
+            return
+        try:
+            if not p.showOpenings:
+                hideOpenings(surface)
+                return
+            anatomy = self._logic.anatomy(p.template)
+            showOpenings(surface, self._logic.cache.cavity(surface, anatomy, seedPositions(p.seeds)))
+        except LAFlatteningError:
+            # The same error is shown where the map is asked for; a surface without openings has no covers to show.
+            hideOpenings(surface)
+
+    def _updateLinks(self) -> None:
+        p, surface, mapNode = self._parameters, self._surface, self._map
+        atriumView, mapView = viewNode(ATRIUM_VIEW), viewNode(MAP_VIEW)
+        diameter = self._settings.diskDiameter if self._settings is not None else 0.0
+        now = (surface, mapNode, p.linkCursor, atriumView, mapView, threeDView(mapView) is not None, diameter)
+        if now == self._linked:
+            return
+        self._linked = now
+        for part in (self._colours, self.cursor):
+            if part is not None:
+                part.stop()
+        self._colours = self.cursor = None
+        if surface is None or mapNode is None:
+            return
+        self._colours = DisplayLink(surface, mapNode)
+        if p.linkCursor:
+            self.cursor = LinkedCursor(surface, mapNode, diameter, atriumView, mapView, self._onReadout)
+            self._visibility.setMapNodes([mapNode, *updateOverlay(mapNode), self.cursor.markers["map"]])
+
+    def _onMap(self, _caller: object = None, _event: object = None) -> None:
+        """The map was made anew: with another template or diameter, frame and overlay change."""
+        if self._busy or _alive(self._map) is None or settingsOf(self._map) == self._settings:
+            return
+        self.update()
+
+    def _onChange(self, _caller: object = None, _event: object = None) -> None:
+        self.update()
+
+    @vtk.calldata_type(vtk.VTK_OBJECT)
+    def _onNodeAboutToBeRemoved(self, _caller: object, _event: object, node: slicer.vtkMRMLNode) -> None:
+        """What belongs to a node goes with it."""
+        if isinstance(node, slicer.vtkMRMLModelNode):
+            belongings = [*overlayOf(node), openingsNode(node)]
+            for belonging in belongings:
+                if belonging is not None and belonging.GetScene() is not None:
+                    slicer.mrmlScene.RemoveNode(belonging)
+
+
+def _alive(node: slicer.vtkMRMLModelNode | None) -> slicer.vtkMRMLModelNode | None:
+    """A node that is in a scene; one that is being removed may still be referred to."""
+    return node if node is not None and node.GetScene() is not None else None

@@ -1,0 +1,74 @@
+"""Section Map: how the map is made, making it, and showing it."""
+
+import slicer
+from slicer.i18n import tr as _
+
+from .section import Section, errorsShownIn, showMessage
+
+
+class MapSection(Section):
+    """Makes the map, with progress and cancel, and shows atrium and map side by side."""
+
+    def __init__(self, panel) -> None:
+        super().__init__(panel)
+        self.isComputing = False
+        self.cancelRequested = False
+        self.ui.flattenButton.connect("clicked()", self.flatten)
+        self.ui.cancelButton.connect("clicked()", self.cancel)
+        self.ui.layoutButton.connect("clicked()", self.panel.showLayout)
+        self.ui.frameButton.connect("clicked()", self.logic.frameMap)
+
+    def flatten(self) -> None:
+        """Make the map; the panel stays usable enough to cancel."""
+        self.isComputing, self.cancelRequested = True, False
+        self.panel.update()
+        try:
+            with errorsShownIn(self.ui.mapMessage, _("The map could not be made.")):
+                self.logic.flattenParameters(self.parameters, self.progress)
+                self.panel.showLayout()
+        finally:
+            self.isComputing = False
+            self.panel.update()
+
+    def progress(self, share: float, text: str) -> bool:
+        """Show how far the work is, let the user press Cancel; False stops the work."""
+        self.ui.progressBar.value = round(100 * share)
+        self.ui.progressBar.format = f"{text} (%p %)"
+        slicer.app.processEvents()
+        return not self.cancelRequested
+
+    def reset(self) -> None:
+        """No message, and what is being computed is no longer wanted."""
+        self.cancelRequested = True
+        showMessage(self.ui.mapMessage, "")
+        self.ui.readoutText.text = ""
+
+    def showReport(self, report) -> None:
+        """What the Logic says after it has followed a change of surface or seeds."""
+        if report.seedReasons and report.stage == "error":
+            text = _("The map does not show the present seeds: see what is said under Seeds.")
+        else:
+            # What is missing is said where it is chosen.
+            text = "" if report.stage == "seeds" else report.message
+        showMessage(self.ui.mapMessage, text)
+
+    def cancel(self) -> None:
+        """Stop the work at its next step."""
+        self.cancelRequested = True
+
+    def missing(self) -> str:
+        """What is still needed to make a map; empty if nothing."""
+        if self.parameters.surface is None:
+            return _("Choose an atrium first.")
+        if self.parameters.seeds is None or self.logic.nextSeed(self.parameters.seeds) is not None:
+            return _("Place all seeds first.")
+        return ""
+
+    def update(self) -> None:
+        """What can be pressed now."""
+        missing = self.missing()
+        self.ui.flattenButton.enabled = not missing and not self.isComputing
+        self.ui.flattenButton.toolTip = missing or _("Compute the map.")
+        self.ui.cancelButton.setVisible(self.isComputing)
+        self.ui.progressBar.setVisible(self.isComputing)
+        self.ui.frameButton.enabled = self.parameters.map is not None

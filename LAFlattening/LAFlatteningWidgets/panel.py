@@ -1,0 +1,100 @@
+"""What the panel does between its sections and Slicer's events."""
+
+import qt
+import slicer
+import vtk
+from slicer.util import VTKObservationMixin
+
+
+class Panel(VTKObservationMixin):
+    """The part of the module's Widget that does not depend on Slicer's base class of widgets.
+
+    Attributes
+    ----------
+    parameterNode : the only store of what the panel shows; None while a scene is closed.
+    sections : in the order of the panel.
+    """
+
+    def __init__(self) -> None:
+        VTKObservationMixin.__init__(self)
+        self.parameterNode = None
+        self.sections = ()
+        self._guiTag = None
+
+    def observeScene(self) -> None:
+        """Follow opening and closing of scenes, and what clicks in views do."""
+        scene, interaction = slicer.mrmlScene, slicer.app.applicationLogic().GetInteractionNode()
+        self.addObserver(scene, scene.StartCloseEvent, self.onSceneStartClose)
+        self.addObserver(scene, scene.EndCloseEvent, self.onSceneChanged)
+        self.addObserver(scene, scene.EndImportEvent, self.onSceneChanged)
+        self.addObserver(interaction, interaction.InteractionModeChangedEvent, self.onInteractionMode)
+
+    def setParameterNode(self, parameterNode: object | None) -> None:
+        """Connect the panel with a parameter node (`LAFlatteningParameterNode`); None leaves it unconnected."""
+        if self.parameterNode is not None:
+            self.logic.stopLiveUpdate()
+            self.logic.unlinkViews()
+            self.parameterNode.disconnectGui(self._guiTag)
+            self.removeObserver(self.parameterNode, vtk.vtkCommand.ModifiedEvent, self.onParametersModified)
+        self.parameterNode = parameterNode
+        for section in self.sections:
+            section.reset()
+        if parameterNode is not None:
+            self._guiTag = parameterNode.connectGui(self.ui)
+            self.addObserver(parameterNode, vtk.vtkCommand.ModifiedEvent, self.onParametersModified)
+            self.logic.linkViews(parameterNode, self.onReadout)
+            self.logic.startLiveUpdate(parameterNode, qt.QTimer.singleShot, self.onReport)
+        self.update()
+
+    # ---- events ------------------------------------------------------------------------------------------------------
+
+    def onSceneStartClose(self, caller=None, event=None) -> None:
+        """The scene is about to go, and the parameter node with it."""
+        self.setParameterNode(None)
+
+    def onSceneChanged(self, caller=None, event=None) -> None:
+        """A scene was closed or opened: begin anew when Slicer has finished with it.
+
+        Nodes that were added in the midst of opening would get in the way of those that come from the file.
+        """
+        qt.QTimer.singleShot(0, self.onSceneReady)
+
+    def onSceneReady(self) -> None:
+        """Take the parameter node of the scene that is there now, if the panel is shown and has none yet."""
+        if self.parameterNode is None and self.parent.isEntered and not slicer.mrmlScene.IsBatchProcessing():
+            self.initializeParameterNode()
+
+    def onParametersModified(self, caller=None, event=None) -> None:
+        """Something that the panel shows has changed."""
+        self.update()
+
+    def onInteractionMode(self, caller=None, event=None) -> None:
+        """Clicks in views now do something else."""
+        if self.parameterNode is not None:
+            self.seeds.update()
+
+    def onReport(self, report) -> None:
+        """The Logic has followed a change of surface or seeds."""
+        if self.parameterNode is None:
+            return
+        self.seeds.setReasons(report.seedReasons)
+        if report.stage != "preview":
+            self.map.showReport(report)
+            self.update()
+
+    def onReadout(self, text: str) -> None:
+        """What is under the cursor."""
+        self.ui.readoutText.text = text
+
+    # ---- what sections use -------------------------------------------------------------------------------------------
+
+    def update(self) -> None:
+        """Show in all sections what the parameter node says."""
+        if self.parameterNode is None:
+            return
+        for section in self.sections:
+            section.update()
+
+    def showLayout(self) -> None:
+        """Show the atrium left and the map right."""
+        self.logic.showLayout()
