@@ -20,9 +20,13 @@ lint: $(VENV)/lint.stamp
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-bench: $(VENV)/test.stamp
+bench: $(VENV)/bench.stamp
 	$(BIN)/python Testing/Benchmarks/bench_flattening.py
 	$(BIN)/python Testing/Benchmarks/bench_folds.py
+	$(BIN)/python Testing/Benchmarks/bench_distortion.py
+	$(BIN)/python Testing/Benchmarks/bench_independence.py
+	$(BIN)/python Testing/Benchmarks/bench_seeds.py
+	$(BIN)/python Testing/Benchmarks/bench_stress.py
 
 # How quickly the map follows a seed that is dragged in the panel.
 bench-drag: $(VENV)/test.stamp

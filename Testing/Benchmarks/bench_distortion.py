@@ -46,8 +46,8 @@ def kinks(flat_map: FlatMap) -> np.ndarray:
 def main() -> None:
     """Print the table."""
     print(
-        f"{'atrium':<18} {'method':<9} {'folded':>6} {'rim err':>8} {'path err':>8} {'beta':>6} {'K med':>6} {'K p99':>6} "
-        f"{'K max':>7} {'entropy':>8} {'kink med':>9}"
+        f"{'atrium':<18} {'method':<9} {'folded':>6} {'rim err':>8} {'path err':>8} {'beta':>6} {'K med':>6} "
+        f"{'K p99':>6} {'K max':>7} {'entropy':>8} {'kink med':>9}"
     )
     for name, surface, seeds in [("phantom 20000", *cases.phantom(20000)), *cases.real()]:
         for method in ("paper", "regional"):

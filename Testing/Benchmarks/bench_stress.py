@@ -31,7 +31,8 @@ def main() -> None:
             meshes.append((f"{name} {len(made.points)}", made, seeds))
     print(f"{options.seeds} random seed sets on each mesh, every seed moved by {options.move:g} mm")
     print(
-        f"{'mesh':<24} {'maps':>5} {'folded':>7} {'freed':>6} {'refused':>8} {'median s':>9} {'worst s':>8} {'K p99':>6}"
+        f"{'mesh':<24} {'maps':>5} {'folded':>7} {'freed':>6} {'refused':>8} {'median s':>9} {'worst s':>8} "
+        f"{'K p99':>6}"
     )
     for name, surface, seeds in meshes:
         flattener = Flattener(surface)
