@@ -22,7 +22,6 @@ lint: $(VENV)/lint.stamp
 
 bench: $(VENV)/bench.stamp
 	$(BIN)/python Testing/Benchmarks/bench_flattening.py
-	$(BIN)/python Testing/Benchmarks/bench_folds.py
 	$(BIN)/python Testing/Benchmarks/bench_distortion.py
 	$(BIN)/python Testing/Benchmarks/bench_independence.py
 	$(BIN)/python Testing/Benchmarks/bench_seeds.py
