@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -33,11 +32,6 @@ class Inserted:
     def of(cls, surface: Surface) -> Inserted:
         """A surface with nothing inserted."""
         return cls(surface, np.arange(len(surface.triangles)), {})
-
-    @cached_property
-    def cut(self) -> IntArray:
-        """The triangles of the surface before that are in pieces."""
-        return np.flatnonzero(np.bincount(self.parent) > 1)
 
 
 def insert_lines(before: Inserted, lines: Mapping[str, Line]) -> Inserted:
@@ -152,6 +146,8 @@ def _split(polygon: list[int], pieces: Sequence[tuple[int, int]]) -> list[list[i
                 if j - i > 1 and len(part) - (j - i) > 1:
                     parts[k : k + 1] = [part[i : j + 1], part[j:] + part[: i + 1]]
                 break
+        else:
+            raise ValueError("Lines to be inserted cross each other.")
     return parts
 
 

@@ -48,6 +48,7 @@ def divide(surface: Surface, mesh: HalfEdges, connected: SeedPaths, template: Te
     anatomy = template.anatomy
     rims = {o: _Rim(mesh, connected.loops[o], o == anatomy.outer) for o in anatomy.openings}
     feet = {o: _feet(rims[o], connected, template, o) for o in anatomy.openings}
+    feet = _untwisted(surface, rims, feet, connected, anatomy)
     lines = {name: _line(rims, feet, connected, anatomy, name) for name in anatomy.paths}
     lengths = {name: line.length(surface.points) for name, line in lines.items()}
     # The shortest have the least room to give way.
@@ -72,14 +73,23 @@ def divide(surface: Surface, mesh: HalfEdges, connected: SeedPaths, template: Te
 
 
 def _check_detour(name: str, length: float, connected: SeedPaths, anatomy: Anatomy, others: Sequence[str]) -> None:
-    if length > DETOUR * connected.walks[name].length + DETOUR_MM:
+    direct = connected.walks[name].length
+    if length <= DETOUR * direct + DETOUR_MM:
+        return
+    if others:
         _refuse(name, anatomy, others)
+    a, b = anatomy.paths[name]
+    raise SeedError(
+        f"Path {name} would be {length:.0f} mm long once its ends are spread on the rims of its openings; from seed to "
+        f"seed it is {direct:.0f} mm. Check seeds {a} and {b}: each belongs to the middle of its opening.",
+        (a, b),
+    )
 
 
 def _refuse(name: str, anatomy: Anatomy, others: Sequence[str]) -> NoReturn:
     a, b = anatomy.paths[name]
     raise SeedError(
-        f"Path {name} from {a} to {b} is cut off by a rim or by other paths ({', '.join(others) or 'none'}). "
+        f"Path {name} from {a} to {b} is cut off by a rim or by other paths ({', '.join(others)}). "
         f"Check seeds {a} and {b} and their neighbours.",
         (a, b),
     )
@@ -200,6 +210,35 @@ def _apart(along: FloatArray, total: float, least: float) -> FloatArray:
     return along
 
 
+def _untwisted(
+    surface: Surface,
+    rims: Mapping[str, _Rim],
+    feet: dict[str, dict[str, float]],
+    connected: SeedPaths,
+    anatomy: Anatomy,
+) -> dict[str, dict[str, float]]:
+    """Feet that fell together on a rim of two, moved apart to the sides on which their paths do not cross.
+
+    With two feet, their order round the rim does not say which comes first.
+    """
+    for opening in anatomy.holes:
+        order, rim = anatomy.feet(opening), rims[opening]
+        if len(order) != 2:
+            continue
+        first, second = (rim.position(connected.feet[opening][name]) for name in order)
+        gap, least = (second - first) % rim.length, SMALLEST_ARC * rim.length
+        if least <= gap <= rim.length - least:
+            continue
+        options = []
+        for mm in (least, -least):
+            ends = {order[0]: feet[opening][order[0]], order[1]: rim.coordinate(first + mm)}
+            lines = {name: _line(rims, {**feet, opening: ends}, connected, anatomy, name) for name in order}
+            length = sum(line.length(surface.points) for line in lines.values())
+            options.append((bool(meeting(surface, lines)), length, ends))
+        feet = {**feet, opening: min(options, key=lambda option: option[:2])[2]}
+    return feet
+
+
 def _line(
     rims: Mapping[str, _Rim], feet: Mapping[str, Mapping[str, float]], connected: SeedPaths, anatomy: Anatomy, name: str
 ) -> Line:
@@ -233,8 +272,8 @@ def _sort_out(surface: Surface, lines: Mapping[str, Line]) -> tuple[dict[str, Li
             kept[name] = settled
             free[settled.ends[settled.ends[:, 0] == settled.ends[:, 1], 0]] = False
     # A line may have been led through a point across another one beside it.
-    for pair in meeting(surface, kept):
-        for name in pair:
+    while pairs := meeting(surface, kept):
+        for name in set().union(*pairs):
             kept[name] = lines[name]
     return kept, [name for name in lines if name not in kept]
 

@@ -15,7 +15,7 @@ from .errors import SeedError, SurfaceError
 from .geodesic_lines import Line
 from .geodesics import PathTree
 from .seeds import SnappedSeeds, check_directions
-from .surface import FloatArray, IntArray, Surface
+from .surface import FloatArray, IntArray
 
 ROTATED = 1.15
 """Outer seeds are taken for moved on along the rim if all of them, moved on, would have paths shorter by this factor.
@@ -262,7 +262,7 @@ def _explain(cavity: Cavity, seeds: SnappedSeeds, anatomy: Anatomy, ways: Ways, 
         raise SeedError(
             f"The paths between the seeds are out of order (counter-clockwise on the map, {kind}). "
             f"Check seeds {', '.join(label for label in anatomy.seeds if label in labels)}.",
-            tuple(labels),
+            tuple(label for label in anatomy.seeds if label in labels),
         )
 
 
@@ -304,8 +304,3 @@ def _shift(seeds: SnappedSeeds, anatomy: Anatomy, ways: Ways) -> tuple[int, floa
     if not lengths or lengths[0] <= ROTATED * min(lengths):
         return 0, 0.0, 0.0
     return int(np.argmin(lengths)), lengths[0], min(lengths)
-
-
-def path_length(surface: Surface, ids: IntArray) -> float:
-    """Length of a line of point ids, mm."""
-    return float(np.linalg.norm(np.diff(surface.points[ids], axis=0), axis=1).sum())

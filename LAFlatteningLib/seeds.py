@@ -24,13 +24,13 @@ LARGEST_COORDINATE_MM = 1e6
 
 @dataclass(frozen=True)
 class SnappedSeeds:
-    """Seeds as points of the closed surface.
+    """Seeds as points and places of the closed surface.
 
     Attributes
     ----------
     ids : seed -> point id in `Cavity.closed`.
     hole : hole -> number of its rim and cover in the `Cavity`.
-    moved_mm : seed -> how far that point is from where the seed was.
+    moved_mm : seed -> how far it was moved: to the point of its cover, or to its place on the outer rim.
     positions : seed -> (3,) the nearest place on its cover or on the outer rim, not tied to a point of it, mm.
     outer_at : outer seed -> where that is along `Cavity.outer`: index, plus the share of the way to the next point.
     """

@@ -40,18 +40,27 @@ def rest_shapes(points: FloatArray, triangles: IntArray, scale: float) -> FloatA
     """The triangles on the surface, in their own plane, at the scale of the map: (m, 3) base, x and height.
 
     Corner 0 is at the origin, corner 1 at (base, 0), corner 2 at (x, height). Slivers on the surface are
-    widened to a height of a tenth of their base, because the map of a sliver has no shape worth keeping.
+    widened to a height of a tenth of their longest side, because the map of a sliver has no shape worth keeping.
 
     Parameters
     ----------
     points : (n, 3) mm.
     scale : map units per mm.
     """
-    local = operators.local_frames(points, triangles) * scale
-    base = np.maximum(local[:, 1, 0], 1e-12)
-    x = np.clip(local[:, 2, 0], -2.0 * base, 3.0 * base)
-    height = np.maximum(local[:, 2, 1], 0.1 * np.maximum(base, np.abs(x)))
-    return np.stack([base, x, height], axis=1)
+    # The longest side first, so that it does not matter with which corner a triangle begins.
+    corner = points[triangles]
+    sides = np.linalg.norm(corner[:, [1, 2, 0]] - corner, axis=2)
+    turned = (sides.argmax(axis=1)[:, None] + np.arange(3)) % 3
+    local = operators.local_frames(points, np.take_along_axis(triangles, turned, axis=1)) * scale
+    longest = np.maximum(local[:, 1, 0], 1e-12)
+    flat = np.zeros((len(triangles), 3, 2))
+    flat[:, 1, 0], flat[:, 2, 0] = longest, local[:, 2, 0]
+    flat[:, 2, 1] = np.maximum(local[:, 2, 1], 0.1 * longest)
+    # Back to the triangle's own order of corners.
+    flat = np.take_along_axis(flat, np.argsort(turned, axis=1)[:, :, None], axis=1)
+    u, v = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
+    base = np.linalg.norm(u, axis=1)
+    return np.stack([base, (u * v).sum(axis=1) / base, (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / base], axis=1)
 
 
 class PatchEnergy:
@@ -285,11 +294,12 @@ def descend(
     for step in range(steps):
         direction = _two_loop(gradient, history, precondition, scale)
         slope = _dot(direction, gradient)
-        if slope >= 0.0 and history:
+        if not slope < 0.0 and history:
             history.clear()
             direction = _two_loop(gradient, history, precondition, scale)
             slope = _dot(direction, gradient)
-        if slope >= 0.0:
+        # Also where the numbers overflowed: NaN is not below 0.
+        if not slope < 0.0:
             return variables, step
         # Far from the minimum the model of the energy is poor: no point moves farther than a few triangles.
         length = min(1.0, reach / float(np.abs(direction).max()))
@@ -299,7 +309,7 @@ def descend(
             if new_value <= value + 1e-4 * length * slope:
                 break
             length *= 0.5
-            if length * float(np.abs(direction).max()) < 1e-9 * reach:
+            if not length * float(np.abs(direction).max()) >= 1e-9 * reach:
                 return variables, step
         s, y = trial - variables, new_gradient - gradient
         curvature = _dot(s, y)

@@ -140,7 +140,7 @@ class Flattener:
 
         Raises
         ------
-        SurfaceError, SeedError, FoldError : as `flatten` would.
+        SurfaceError, SeedError, FoldError : as `flatten` would; now and then one for the coarse copy alone.
         """
         seeds = check_labels(seeds, self.template.anatomy)
         outer_points = np.array([seeds[label] for label in self.template.anatomy.outer_seeds])
@@ -152,16 +152,17 @@ class Flattener:
         return self._previewer.preview(snap_seeds(seeds, cavity, self.template.anatomy).positions, latest)
 
     def _make_previewer(self, surface: Surface, outer_points: FloatArray) -> Previewer:
-        for points in COARSE_POINTS:
-            coarse = Flattener(coarsened(surface, points), self.template, self.method, self.rounding, self.check_axes)
+        bare = Surface(surface.points, surface.triangles, space=surface.space)
+        for points in (*COARSE_POINTS, len(surface.points)):
+            coarse = Flattener(coarsened(bare, points), self.template, self.method, self.rounding, self.check_axes)
             coarse._steps = PREVIEW_STEPS
             try:
                 _, coarse_surface, _ = coarse._prepare(outer_points)
-                return Previewer(coarse_surface, surface, coarse.flatten)
+                break
             except (SurfaceError, FoldError):
-                # Decimation spoiled the mesh.
+                # Decimation spoiled the mesh; with all its points it is as it was.
                 continue
-        return Previewer(surface, surface, self.flatten)
+        return Previewer(coarse_surface, surface, coarse.flatten)
 
     def _prepare(self, outer_points: FloatArray) -> tuple[Cavity, Surface, int]:
         """The cavity, its surface as it is flattened, and the number of edges flipped for that."""

@@ -17,6 +17,8 @@ RINGS = (3, 6, 12, 24)
 """Rings of triangles round a fold that may move; the next number is tried where the one before is not enough."""
 MIN_DETERMINANT = 1e-3
 """The smallest share of its rest area (at the scale of the map) that a triangle of a repaired place must reach."""
+PATIENCE = 3
+"""Rounds in a row without progress after which a patch is given up."""
 ROUNDS, STEPS = 60, 15
 """Rounds of lowering the energy of a patch, each with its own eps, and quasi-Newton steps in each."""
 
@@ -63,9 +65,12 @@ def untangle(
             movable = near & ~blocked
             if not movable.any():
                 continue
-            before = flat.copy()
-            _relax(flat, triangles, points, scale, movable)
-            freed |= loose & (flat != before).any(axis=1)
+            tried = flat.copy()
+            _relax(tried, triangles, points, scale, movable)
+            # A patch that was too small may only have pushed the folds about.
+            if len(_bad(tried, triangles)) < len(folded):
+                freed |= loose & (flat != tried).any(axis=1)
+                flat = tried
     folded = _bad(flat, triangles)
     if len(folded):
         raise fold_error(points, triangles[folded])
@@ -118,11 +123,13 @@ def _relax(flat: FloatArray, triangles: IntArray, points: FloatArray, scale: flo
     precondition = energy.preconditioner_at_rest()
     variables = energy.start()
     lowest = float(energy.determinants(variables).min())
+    stuck = 0
     for _ in range(ROUNDS):
         eps = float(np.sqrt(1e-9 + 0.04 * min(lowest, 0.0) ** 2))
         variables, steps = descend(partial(energy.untangling, eps=eps), variables, energy.reach, precondition, STEPS)
         before, lowest = lowest, float(energy.determinants(variables).min())
+        stuck = stuck + 1 if before < 0 and lowest < before + 1e-3 * abs(before) else 0
         # Settled: done, or the rim of the patch is in the way and a larger patch must be tried.
-        if lowest >= MIN_DETERMINANT or steps == 0 or (before < 0 and lowest < before + 1e-3 * abs(before)):
+        if lowest >= MIN_DETERMINANT or steps == 0 or stuck > PATIENCE:
             break
     flat[energy.ids] = variables
