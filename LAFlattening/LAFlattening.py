@@ -25,10 +25,11 @@ if importlib.util.find_spec("LAFlatteningLib") is None:
     sys.path.append(str(Path(__file__).resolve().parents[1]))
 
 from LAFlatteningScene import views
+from LAFlatteningScene.colouring import CELL_DATA, POINT_DATA, ArrayChoice, colourBy, colourChoices, colouredBy
 from LAFlatteningScene.export import exportMap
 from LAFlatteningScene.linked_views import LinkedViews
 from LAFlatteningScene.live_update import LiveUpdate, Report
-from LAFlatteningScene.map_making import makeMap, notesOf
+from LAFlatteningScene.map_making import checkOutput, chooseMap, makeMap, notesOf
 from LAFlatteningScene.map_nodes import writeMap
 from LAFlatteningScene.quality_nodes import METRICS_ROLE, REGIONS_ROLE, SERIES_ROLES
 from LAFlatteningScene.sample_data import loadSample
@@ -65,6 +66,7 @@ class LAFlatteningParameterNode:
     liveUpdate : the map follows the seeds.
     snapSeeds : a seed that was placed or moved goes to the nearest place where it may be.
     showTemplate, showLabels : lines and names on the map.
+    showColourBar : values and colours beside the map.
     showOpenings : the covers of the openings on the atrium, on which seeds of veins and appendage are placed.
     linkCursor : pointing at one shows the same place on the other.
     exportDirectory : where files are written; "." until one is chosen.
@@ -82,6 +84,7 @@ class LAFlatteningParameterNode:
     snapSeeds: bool = True
     showTemplate: bool = True
     showLabels: bool = True
+    showColourBar: bool = True
     showOpenings: bool = True
     linkCursor: bool = True
     exportDirectory: Path
@@ -149,6 +152,7 @@ class LAFlatteningLogic(ScriptedLoadableModuleLogic, SeedLogic):  # noqa: F405
     ) -> vtkMRMLModelNode:
         """`flatten` with what the panel says; the map and its metrics are kept in the parameter node."""
         p, settings = parameterNode, self.settingsFrom(parameterNode)
+        chooseMap(p)
         mapNode = makeMap(self, p.surface, p.seeds, p.map, settings, progress)
         p.map, p.metrics = mapNode, self.metricsTable(mapNode)
         return mapNode
@@ -168,6 +172,7 @@ class LAFlatteningLogic(ScriptedLoadableModuleLogic, SeedLogic):  # noqa: F405
         Parameters and errors as for `flatten`.
         """
         settings = Settings(template, method, checkAxes, float(diskDiameter))
+        checkOutput(mapNode)
         flatMap = self.cache.flattener(surfaceNode, settings).preview(seedPositions(seedsNode))
         writeMap(mapNode, flatMap, surfaceNode, settings, "preview")
         return mapNode
@@ -252,7 +257,10 @@ class LAFlatteningLogic(ScriptedLoadableModuleLogic, SeedLogic):  # noqa: F405
         return views.viewNode(views.MAP_VIEW)
 
     def linkViews(
-        self, parameterNode: LAFlatteningParameterNode, onReadout: Callable[[str], None] | None = None
+        self,
+        parameterNode: LAFlatteningParameterNode,
+        onReadout: Callable[[str], None] | None = None,
+        onColours: Callable[[], None] | None = None,
     ) -> None:
         """Keep views and display of atrium and map in step, as the parameter node says.
 
@@ -262,15 +270,42 @@ class LAFlatteningLogic(ScriptedLoadableModuleLogic, SeedLogic):  # noqa: F405
         Parameters
         ----------
         onReadout : told what is under the cursor (region, value with the name of its array, place); "" for nothing.
+        onColours : called when the atrium is coloured otherwise.
         """
         self.unlinkViews()
-        self._linked = LinkedViews(self, parameterNode, onReadout)
+        self._linked = LinkedViews(self, parameterNode, onReadout, onColours)
 
     def unlinkViews(self) -> None:
         """End what `linkViews` began; overlay and colours stay as they are."""
         if self._linked is not None:
             self._linked.stop()
             self._linked = None
+
+    # ---- colours -----------------------------------------------------------------------------------------------------
+
+    def colourChoices(self, surfaceNode: vtkMRMLModelNode | None) -> dict[ArrayChoice, str]:
+        """What the atrium can be coloured by: (array, point or cell data) -> what it is called, with unit."""
+        return colourChoices(surfaceNode)
+
+    def colouredBy(self, surfaceNode: vtkMRMLModelNode | None) -> ArrayChoice | None:
+        """What the atrium is coloured by; None: one plain colour."""
+        return colouredBy(surfaceNode)
+
+    def colourBy(self, surfaceNode: vtkMRMLModelNode, array: str | ArrayChoice | None) -> None:
+        """Colour the atrium by an array over the range of its values; None: one plain colour. A linked map follows.
+
+        Parameters
+        ----------
+        array : its name (points before triangles), or a key of `colourChoices`.
+
+        Raises
+        ------
+        InputFileError : the atrium has no such scalar array.
+        """
+        if isinstance(array, str):
+            onPoints = (array, POINT_DATA)
+            array = onPoints if onPoints in colourChoices(surfaceNode) else (array, CELL_DATA)
+        colourBy(surfaceNode, array)
 
     # ---- quality and export ------------------------------------------------------------------------------------------
 
@@ -349,8 +384,8 @@ def registerSampleData() -> None:
 
 
 def makeSampleData(source=None) -> list:
-    """Add the synthetic atrium and its seeds to the scene; called by the module Sample Data."""
-    return list(LAFlatteningLogic().loadSample())
+    """Add the synthetic atrium, its seeds and its image to the scene; called by the module Sample Data."""
+    return list(loadSample())
 
 
 class LAFlatteningWidget(ScriptedLoadableModuleWidget, Panel):  # noqa: F405

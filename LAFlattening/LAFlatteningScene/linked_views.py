@@ -11,10 +11,11 @@ from slicer.util import VTKObservationMixin
 
 from LAFlatteningLib import LAFlatteningError
 
+from .colouring import colourBarOf, updateColourBar
 from .cursor import LinkedCursor
 from .display_link import DisplayLink
 from .live_update import surfaceMoved
-from .map_nodes import settingsOf
+from .map_nodes import belongsTo, settingsOf
 from .openings import hideOpenings, openingsNode, showOpenings
 from .overlay import overlayOf, updateOverlay
 from .seed_nodes import seedPositions
@@ -23,6 +24,8 @@ from .views import ATRIUM_VIEW, MAP_VIEW, MapView, Visibility, threeDView, viewN
 
 if TYPE_CHECKING:
     from LAFlattening import LAFlatteningLogic, LAFlatteningParameterNode
+
+DISPLAY_MODIFIED = slicer.vtkMRMLDisplayableNode.DisplayModifiedEvent
 
 
 class LinkedViews(VTKObservationMixin):
@@ -33,9 +36,11 @@ class LinkedViews(VTKObservationMixin):
         logic: LAFlatteningLogic,
         parameterNode: LAFlatteningParameterNode,
         onReadout: Callable[[str], None] | None = None,
+        onColours: Callable[[], None] | None = None,
     ) -> None:
         super().__init__()
         self._logic, self._parameters, self._onReadout = logic, parameterNode, onReadout
+        self._onColours = onColours or (lambda: None)
         self._visibility, self.mapView = Visibility(), MapView()
         self._colours: DisplayLink | None = None
         self.cursor: LinkedCursor | None = None
@@ -85,8 +90,10 @@ class LinkedViews(VTKObservationMixin):
         if mapNode is not self._map:
             if self._map is not None:
                 self.removeObserver(self._map, vtk.vtkCommand.ModifiedEvent, self._onMap)
+                self.removeObserver(self._map, DISPLAY_MODIFIED, self._onMapDisplay)
             if mapNode is not None:
                 self.addObserver(mapNode, vtk.vtkCommand.ModifiedEvent, self._onMap)
+                self.addObserver(mapNode, DISPLAY_MODIFIED, self._onMapDisplay)
             self._map = mapNode
         self._settings = settingsOf(mapNode) if mapNode is not None else None
         onMap = []
@@ -96,6 +103,7 @@ class LinkedViews(VTKObservationMixin):
                 if bool(node.GetDisplayNode().GetVisibility()) != visible:
                     node.GetDisplayNode().SetVisibility(visible)
             onMap = [mapNode, *overlay]
+            updateColourBar(mapNode, p.showColourBar)
         if self.cursor is not None:
             onMap.append(self.cursor.markers["map"])
         self._visibility.setMapNodes(onMap)
@@ -114,11 +122,13 @@ class LinkedViews(VTKObservationMixin):
             if self._surface is not None:
                 self.removeObserver(self._surface, slicer.vtkMRMLModelNode.MeshModifiedEvent, self._onChange)
                 self.removeObserver(self._surface, surfaceMoved(), self._onChange)
+                self.removeObserver(self._surface, DISPLAY_MODIFIED, self._onSurfaceDisplay)
                 hideOpenings(self._surface)
             self._surface = surface
             if surface is not None:
                 self.addObserver(surface, slicer.vtkMRMLModelNode.MeshModifiedEvent, self._onChange)
                 self.addObserver(surface, surfaceMoved(), self._onChange)
+                self.addObserver(surface, DISPLAY_MODIFIED, self._onSurfaceDisplay)
         if surface is None:
             return
         try:
@@ -135,7 +145,17 @@ class LinkedViews(VTKObservationMixin):
         p, surface, mapNode = self._parameters, self._surface, self._map
         atriumView, mapView = viewNode(ATRIUM_VIEW), viewNode(MAP_VIEW)
         diameter = self._settings.diskDiameter if self._settings is not None else 0.0
-        now = (surface, mapNode, p.linkCursor, atriumView, mapView, threeDView(mapView) is not None, diameter)
+        belonging = surface is not None and mapNode is not None and belongsTo(mapNode, surface)
+        now = (
+            surface,
+            mapNode,
+            belonging,
+            p.linkCursor,
+            atriumView,
+            mapView,
+            threeDView(mapView) is not None,
+            diameter,
+        )
         if now == self._linked:
             return
         self._linked = now
@@ -143,7 +163,7 @@ class LinkedViews(VTKObservationMixin):
             if part is not None:
                 part.stop()
         self._colours = self.cursor = None
-        if surface is None or mapNode is None:
+        if surface is None or mapNode is None or not belonging:
             return
         self._colours = DisplayLink(surface, mapNode)
         if p.linkCursor:
@@ -159,11 +179,25 @@ class LinkedViews(VTKObservationMixin):
     def _onChange(self, _caller: object = None, _event: object = None) -> None:
         self.update()
 
+    def _onMapDisplay(self, _caller: object = None, _event: object = None) -> None:
+        """The colour bar shows the array that is shown."""
+        if not self._busy and _alive(self._map) is not None and self._map.GetDisplayNode() is not None:
+            self._busy = True
+            try:
+                if updateColourBar(self._map, self._parameters.showColourBar):
+                    # It was added to the scene before it belonged to the map.
+                    self._visibility.update()
+            finally:
+                self._busy = False
+
+    def _onSurfaceDisplay(self, _caller: object = None, _event: object = None) -> None:
+        self._onColours()
+
     @vtk.calldata_type(vtk.VTK_OBJECT)
     def _onNodeAboutToBeRemoved(self, _caller: object, _event: object, node: slicer.vtkMRMLNode) -> None:
         """What belongs to a node goes with it."""
         if isinstance(node, slicer.vtkMRMLModelNode):
-            belongings = [*overlayOf(node), openingsNode(node)]
+            belongings = [*overlayOf(node), openingsNode(node), colourBarOf(node)]
             for belonging in belongings:
                 if belonging is not None and belonging.GetScene() is not None:
                     slicer.mrmlScene.RemoveNode(belonging)

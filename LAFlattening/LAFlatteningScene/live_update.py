@@ -14,6 +14,7 @@ from slicer.util import VTKObservationMixin
 
 from LAFlatteningLib import Cancelled, LAFlatteningError, SeedError
 
+from .map_making import chooseMap
 from .map_nodes import FINGERPRINT
 from .seed_nodes import (
     Positions,
@@ -151,6 +152,7 @@ class LiveUpdate(VTKObservationMixin):
 
     def _onParameters(self, _caller: object = None, _event: object = None) -> None:
         if not self._stopped:
+            chooseMap(self._parameters)
             self._follow()
             self._requestSettle()
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import slicer
 from vtk import vtkAssignAttribute
 
-from LAFlatteningLib import Cancelled, FlatMap, SeedError
+from LAFlatteningLib import Cancelled, FlatMap, SeedError, SurfaceError
 from LAFlatteningLib.flattening.flat_map import REGION_ARRAY
 from LAFlatteningLib.progress import ProgressCallback
 
@@ -16,8 +16,12 @@ from .display_link import followColours
 from .map_nodes import (
     FINGERPRINT,
     NOTES,
+    SEEDS_ROLE,
+    STAGE,
+    belongsTo,
     groupNodes,
     linkNodes,
+    mapsOf,
     prepareDisplay,
     regionColours,
     writeMap,
@@ -29,7 +33,7 @@ from .seed_nodes import seedPositions
 from .surface_nodes import Settings, fingerprint, sameGeometry, surfaceOf
 
 if TYPE_CHECKING:
-    from LAFlattening import LAFlatteningLogic
+    from LAFlattening import LAFlatteningLogic, LAFlatteningParameterNode
 
 ModelNode = slicer.vtkMRMLModelNode
 
@@ -46,6 +50,7 @@ def makeMap(
     flattener = logic.cache.flattener(surfaceNode, settings)
     if seedsNode is None or seedsNode.GetScene() is None:
         raise SeedError("No seeds are selected. Select or create seeds, and place them.")
+    checkOutput(mapNode)
     if logic.isBusy:
         raise Cancelled("Another map is being made; wait for it, or cancel it.")
     nodes = [node for node in (surfaceNode, seedsNode, mapNode) if node is not None]
@@ -73,6 +78,32 @@ def makeMap(
     return _write(flatMap, surfaceNode, seedsNode, mapNode, settings, fingerprint(flattener.surface, seeds, settings))
 
 
+def checkOutput(mapNode: ModelNode | None) -> None:
+    """Refuse to write a map over a model that is none, such as the atrium itself.
+
+    Raises
+    ------
+    SurfaceError : the model has a mesh that this module has not made.
+    """
+    polydata = mapNode.GetPolyData() if mapNode is not None else None
+    if polydata is not None and polydata.GetNumberOfPoints() and mapNode.GetAttribute(STAGE) is None:
+        raise SurfaceError(
+            f'"{mapNode.GetName()}" is not a map and would be lost. Choose a map to replace, or none to make a new one.'
+        )
+
+
+def chooseMap(parameterNode: LAFlatteningParameterNode) -> None:
+    """Leave the map of another atrium alone: take the newest map of this one and its seeds, or none."""
+    p, mapNode = parameterNode, parameterNode.map
+    if p.surface is None or mapNode is None or belongsTo(mapNode, p.surface):
+        return
+    own = mapsOf(p.surface)
+    p.map = own[-1] if own else None
+    seeds = own[-1].GetNodeReference(SEEDS_ROLE) if own else None
+    if seeds is not None:
+        p.seeds = seeds
+
+
 def _write(
     flatMap: FlatMap,
     surfaceNode: ModelNode,
@@ -96,7 +127,7 @@ def _write(
         followColours(surfaceNode, mapNode)
     elif isNew:
         # Nothing is shown on the atrium: the regions say most, on both.
-        colours = regionColours(scene, flatMap.template)
+        colours = regionColours(scene, flatMap.template.anatomy)
         display.SetActiveScalar(REGION_ARRAY, vtkAssignAttribute.CELL_DATA)
         display.SetAndObserveColorNodeID(colours.GetID())
         display.SetScalarRangeFlag(display.UseManualScalarRange)

@@ -9,7 +9,7 @@ import slicer
 import vtk
 from vtk.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
 
-from LAFlatteningLib import FlatMap, Template
+from LAFlatteningLib import Anatomy, FlatMap, Template
 from LAFlatteningLib.flattening.flat_map import POINT_ID_ARRAY, REGION_ARRAY
 from LAFlatteningLib.flattening.preview import Preview
 from LAFlatteningLib.shading import REGION_COLOURS
@@ -143,6 +143,11 @@ def mapsOf(surfaceNode: ModelNode) -> list[ModelNode]:
     return [node for node in found if node is not None]
 
 
+def belongsTo(mapNode: ModelNode, surfaceNode: ModelNode) -> bool:
+    """Whether a map is of a surface, or of none yet."""
+    return mapNode.GetNodeReference(SURFACE_ROLE) in (None, surfaceNode)
+
+
 def settingsOf(mapNode: ModelNode) -> Settings:
     """How a map was made; the defaults for a node that does not say."""
     text = mapNode.GetAttribute(SETTINGS)
@@ -169,9 +174,8 @@ def groupNodes(surfaceNode: ModelNode, nodes: list[slicer.vtkMRMLNode]) -> None:
             hierarchy.SetItemParent(child, parent)
 
 
-def regionColours(scene: slicer.vtkMRMLScene, template: Template) -> slicer.vtkMRMLColorTableNode:
+def regionColours(scene: slicer.vtkMRMLScene, anatomy: Anatomy) -> slicer.vtkMRMLColorTableNode:
     """A colour table with the name of each region; 0, on covers, is grey."""
-    anatomy = template.anatomy
     name = f"{COLOURS_NAME} ({anatomy.name})"
     node = scene.GetFirstNode(name, "vtkMRMLColorTableNode")
     if node is not None:

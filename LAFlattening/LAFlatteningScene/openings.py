@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+
 import slicer
 import vtk
 
@@ -42,7 +44,8 @@ def showOpenings(surfaceNode: ModelNode, cavity: Cavity) -> ModelNode:
         display.SetVisibility2D(False)
         surfaceNode.SetNodeReferenceID(OPENINGS_ROLE, node.GetID())
     covers, _ = cavity.closed.submesh(cavity.cover >= 0)
-    key = f"{id(cavity)}"
+    # Its contents, not its id: that of a cavity that is gone is soon that of another.
+    key = hashlib.blake2b(covers.points.tobytes() + covers.triangles.tobytes(), digest_size=16).hexdigest()
     if node.GetAttribute(OPENINGS_ROLE) != key or node.GetPolyData() is None:
         bare = vtk.vtkPolyData()
         source = covers.to_polydata()

@@ -35,14 +35,14 @@ def metricRows(flatMap: FlatMap, diskDiameter: float) -> Iterator[tuple[str, str
     yield "overlapping pairs", str(metrics["overlapping_pairs"]), "pairs of triangles"
     yield "flipped edges", str(metrics["flipped_edges"]), "edges"
     yield "freed path points", str(metrics["freed_path_points"]), "points"
-    yield "rim error on the map, largest", _digits(metrics["rim_error"] * radius), "mm"
-    yield "path drift on the map, largest", _digits(metrics["path_drift"] * radius), "mm"
+    yield "rim error on the map, largest", _millimetres(metrics["rim_error"] * radius), "mm"
+    yield "path drift on the map, largest", _millimetres(metrics["path_drift"] * radius), "mm"
     labels = {"alpha": "area ratio alpha", "beta": "isotropy beta", "dilatation": "dilatation"}
     for key, label in labels.items():
         for figure, value in metrics[key].items():
             yield f"{label}, {figure}", _digits(value), "nat" if figure == "entropy" else "1"
     for seed, moved in metrics["seed_moved_mm"].items():
-        yield f"seed {seed} moved to its rim or cover", _digits(moved), "mm"
+        yield f"seed {seed} moved to its rim or cover", _millimetres(moved), "mm"
     yield "time from seeds to map", _digits(metrics["seconds"]["total"]), "s"
 
 
@@ -102,6 +102,11 @@ def histogramColumns(flatMap: FlatMap) -> dict[str, np.ndarray]:
 
 def _digits(value: float) -> str:
     return f"{value:.4g}"
+
+
+def _millimetres(value: float) -> str:
+    """To a thousandth: what is smaller is the rounding of the computer."""
+    return f"{value:.3f}"
 
 
 def _node(mapNode: ModelNode, role: str, className: str, what: str) -> slicer.vtkMRMLNode:

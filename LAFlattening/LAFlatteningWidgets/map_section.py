@@ -13,10 +13,12 @@ class MapSection(Section):
         super().__init__(panel)
         self.isComputing = False
         self.cancelRequested = False
+        self.choices = ()
         self.ui.flattenButton.connect("clicked()", self.flatten)
         self.ui.cancelButton.connect("clicked()", self.cancel)
         self.ui.layoutButton.connect("clicked()", self.panel.showLayout)
         self.ui.frameButton.connect("clicked()", self.logic.frameMap)
+        self.ui.colourSelector.connect("activated(int)", self.colour)
 
     def flatten(self) -> None:
         """Make the map; the panel stays usable enough to cancel."""
@@ -56,6 +58,24 @@ class MapSection(Section):
         """Stop the work at its next step."""
         self.cancelRequested = True
 
+    def colour(self, row: int) -> None:
+        """Colour atrium and map by the array that was chosen."""
+        with errorsShownIn(self.ui.mapMessage, _("The colours could not be changed.")):
+            self.logic.colourBy(self.parameters.surface, self.choices[row])
+        self.updateColours()
+
+    def updateColours(self) -> None:
+        """Show what the atrium can be coloured by, and by what it is."""
+        surfaceNode, selector = self.parameters.surface, self.ui.colourSelector
+        names = {None: _("one colour"), **self.logic.colourChoices(surfaceNode)}
+        labels = list(names.values())
+        if tuple(names) != self.choices or selector.count != len(labels):
+            self.choices = tuple(names)
+            selector.clear()
+            selector.addItems(labels)
+        selector.currentIndex = self.choices.index(self.logic.colouredBy(surfaceNode)) if surfaceNode else 0
+        selector.enabled = surfaceNode is not None
+
     def missing(self) -> str:
         """What is still needed to make a map; empty if nothing."""
         if self.parameters.surface is None:
@@ -72,3 +92,4 @@ class MapSection(Section):
         self.ui.cancelButton.setVisible(self.isComputing)
         self.ui.progressBar.setVisible(self.isComputing)
         self.ui.frameButton.enabled = self.parameters.map is not None
+        self.updateColours()

@@ -42,7 +42,7 @@ class Panel(VTKObservationMixin):
         if parameterNode is not None:
             self._guiTag = parameterNode.connectGui(self.ui)
             self.addObserver(parameterNode, vtk.vtkCommand.ModifiedEvent, self.onParametersModified)
-            self.logic.linkViews(parameterNode, self.onReadout)
+            self.logic.linkViews(parameterNode, self.onReadout, self.onColours)
             self.logic.startLiveUpdate(parameterNode, qt.QTimer.singleShot, self.onReport)
         self.update()
 
@@ -85,6 +85,11 @@ class Panel(VTKObservationMixin):
     def onReadout(self, text: str) -> None:
         """What is under the cursor."""
         self.ui.readoutText.text = text
+
+    def onColours(self) -> None:
+        """The atrium is coloured otherwise."""
+        if self.parameterNode is not None:
+            self.map.updateColours()
 
     # ---- what sections use -------------------------------------------------------------------------------------------
 

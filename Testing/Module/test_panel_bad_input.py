@@ -62,6 +62,37 @@ class TestBadInput(PanelCase):
         self.moveSeed(seedsNode, "RSPV", (0.0, 1.0, 0.0))
         self.waitFor(lambda: self.parameters.map is not None)
 
+    def test_the_atrium_chosen_as_the_map_is_not_written_over(self):
+        surfaceNode, _ = self.loadSample()
+        before = slicer.util.arrayFromModelPoints(surfaceNode).copy()
+        self.parameters.map = surfaceNode
+        self.ui.flattenButton.click()
+        self.assertIn("is not a map", self.ui.mapMessage.text)
+        self.parameters.liveUpdate = True
+        self.settle()
+        np.testing.assert_array_equal(slicer.util.arrayFromModelPoints(surfaceNode), before)
+        self.assertIn("is not a map", self.ui.mapMessage.text)
+
+    def test_another_atrium_does_not_take_the_map_of_the_first(self):
+        surfaceNode, seedsNode, mapNode = self.makeMap(follow=True)
+        before = slicer.util.arrayFromModelPoints(mapNode).copy()
+        lge = slicer.util.arrayFromModelPointData(mapNode, "LGE").copy()
+        other, otherSeeds = self.panel.logic.loadSample(points=2 * self.POINTS)
+        slicer.util.arrayFromModelPointData(other, "LGE")[:] = -1.0
+        self.parameters.surface = other
+        self.assertIsNone(self.parameters.map)
+        self.parameters.seeds = otherSeeds
+        self.waitFor(lambda: self.parameters.map is not None)
+        self.assertIsNot(self.parameters.map, mapNode)
+        np.testing.assert_array_equal(slicer.util.arrayFromModelPoints(mapNode), before)
+        np.testing.assert_array_equal(slicer.util.arrayFromModelPointData(mapNode, "LGE"), lge)
+        # Back at the first atrium, its map and its seeds are there.
+        self.parameters.surface = surfaceNode
+        self.settle()
+        self.assertIs(self.parameters.map, mapNode)
+        self.assertIs(self.parameters.seeds, seedsNode)
+        np.testing.assert_array_equal(slicer.util.arrayFromModelPoints(mapNode), before)
+
     def test_scene_closed_during_a_computation(self):
         self.loadSample()
         qt.QTimer.singleShot(0, slicer.mrmlScene.Clear)

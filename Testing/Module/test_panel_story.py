@@ -224,6 +224,28 @@ class TestMap(PanelCase):
         self.assertIn("Flatten", self.ui.mapMessage.text)
 
 
+class TestColours(PanelCase):
+    def test_selector_shows_and_changes_what_both_are_coloured_by(self):
+        surfaceNode, _, mapNode = self.makeMap()
+        selector = self.ui.colourSelector
+        self.assertEqual(selector.currentText, "LGE (a.u.)")
+        rows = [selector.itemText(row) for row in range(selector.count)]
+        self.assertIn("regions", rows)
+        selector.currentIndex = rows.index("regions")
+        self.panel.map.colour(selector.currentIndex)
+        for node in (surfaceNode, mapNode):
+            self.assertEqual(node.GetDisplayNode().GetActiveScalarName(), "region")
+
+    def test_selector_follows_the_models(self):
+        surfaceNode, _, mapNode = self.makeMap()
+        mapNode.GetDisplayNode().SetScalarVisibility(False)
+        self.assertEqual(self.ui.colourSelector.currentText, "one colour")
+        self.panel.logic.colourBy(surfaceNode, "LGE")
+        self.assertEqual(self.ui.colourSelector.currentText, "LGE (a.u.)")
+        self.parameters.surface = None
+        self.assertFalse(self.ui.colourSelector.enabled)
+
+
 class TestExport(PanelCase):
     def test_files_are_written_and_named(self):
         self.makeMap()

@@ -146,6 +146,7 @@ def main() -> None:
     # Without Export: the folder shown there is that of whoever draws this.
     save("quality.png", panel_image(panel, ("quality",)))
 
+    crosshair.SetCursorPositionInvalid()
     parameters.liveUpdate = False
     for label in logic.seedLabels()[4:]:
         logic.removeSeed(seeds, label)

@@ -252,6 +252,8 @@ def create(testing: bool) -> Application:
     for name, class_name in _LOGICS.items():
         _add_logic(app, name, getattr(slicer, class_name)(), folder)
     slicer.modules.colors.logic().AddDefaultColorNodes()
+    # Slicer's own logic of colours does this; it needs files of Slicer's that are not here.
+    scene.RegisterNodeClass(slicer.vtkMRMLColorLegendDisplayNode())
     app._keep.append(subject_hierarchy.follow(scene))
     return app
 
