@@ -147,3 +147,40 @@ def test_energy_does_not_depend_on_how_finely_the_surface_is_meshed():
     assert totals[0] == pytest.approx(totals[1], rel=1e-6)
     # tr(J^T J) = 1.5^2 + 1, det = 1.5.
     assert totals[0] == pytest.approx(((1.5**2 + 1) / 3.0) ** 2 + AREA * (1.5 + 1 / 1.5))
+
+
+def test_rest_shapes_do_not_depend_on_the_first_corner():
+    """A good triangle keeps its sides; a needle is widened to a tenth of its longest side, wherever it begins."""
+    points = np.array([[0.0, 0, 0], [10, 0, 0], [4, 6, 0], [0.001, 0, 0]])
+    for corners, expected in (([0, 1, 2], None), ([0, 1, 3], 0.1), ([0, 3, 2], 0.1)):
+        shapes = []
+        for k in range(3):
+            base, x, height = rest_shapes(points, np.array([np.roll(corners, -k)]), 1.0)[0]
+            corner = np.array([[0.0, 0.0], [base, 0.0], [x, height]])
+            shapes.append(np.roll(corner, k, axis=0))
+        sides = [np.linalg.norm(np.diff(shape, axis=0, append=shape[:1]), axis=1) for shape in shapes]
+        assert np.allclose(sides[0], sides[1]) and np.allclose(sides[0], sides[2])
+        base, x, height = rest_shapes(points, np.array([corners]), 1.0)[0]
+        if expected is None:
+            true = np.linalg.norm(points[np.roll(corners, -1)] - points[corners], axis=1)
+            assert np.allclose(sides[0], true)
+        else:
+            assert base * height / sides[0].max() ** 2 == pytest.approx(expected, rel=0.02)
+
+
+def test_the_map_does_not_depend_on_the_corner_with_which_triangles_begin(phantom, phantom_map):
+    from LAFlatteningLib import Surface, flatten
+
+    turned = flatten(Surface(phantom.surface.points, np.roll(phantom.surface.triangles, 1, axis=1)), phantom.seeds)
+    assert np.abs(turned.points - phantom_map.points).max() < 1e-6
+
+
+def test_descent_ends_where_numbers_overflow():
+    surface, fixed = ring()
+    energy = energy_of(surface, surface.points[:, :2], ~fixed)
+    at = energy.start()
+
+    def overflowing(variables):
+        return 1.0, np.full(variables.shape, np.nan)
+
+    assert descend(overflowing, at, energy.reach, energy.preconditioner(at), 5, 0.0)[1] == 0

@@ -674,3 +674,17 @@ def test_random_seeds_on_coarse_phantoms_give_no_folds(count):
         assert np.array_equal(flat_map.division.surface.points[: len(flat_map.points)], flat_map.surface.points)
         assert_division(flat_map.division, flat_map.surface)
     assert done >= 2
+
+
+@pytest.mark.parametrize("part", [0.9, 0.97])
+def test_feet_that_fall_together_on_the_appendage_part_on_the_right_side(small, small_cavity, part):
+    """The seed near the rim: both paths leave it at one place, and neither must be led round the opening."""
+    hole = snap_seeds(small.seeds, small_cavity, LEFT_ATRIUM).hole["LAA"]
+    rim = small_cavity.surface.points[small_cavity.rims[hole]]
+    for at in rim[::3]:
+        seeds = {**small.seeds, "LAA": part * at + (1.0 - part) * small.seeds["LAA"]}
+        connected, division = connected_and_divided(small_cavity, seeds)
+        assert_division(division, small_cavity.surface)
+        for name in ("s8", "s9"):
+            led = np.linalg.norm(np.diff(division.surface.points[division.paths[name]], axis=0), axis=1).sum()
+            assert led < 1.1 * connected.walks[name].length + 2.0, name
