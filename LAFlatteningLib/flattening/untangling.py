@@ -17,8 +17,8 @@ RINGS = (3, 6, 12, 24)
 """Rings of triangles round a fold that may move; the next number is tried where the one before is not enough."""
 MIN_DETERMINANT = 1e-3
 """The smallest share of its rest area (at the scale of the map) that a triangle of a repaired place must reach."""
-PATIENCE = 3
-"""Rounds in a row without progress after which a patch is given up."""
+PATIENCE = (0, 1, 5, 5)
+"""Rounds in a row without progress that are borne, for each of these, before the next is tried."""
 ROUNDS, STEPS = 60, 15
 """Rounds of lowering the energy of a patch, each with its own eps, and quasi-Newton steps in each."""
 
@@ -55,7 +55,7 @@ def untangle(
     held = fixed | loose
     freed = np.zeros(len(points), bool)
     for stage in (held, fixed):
-        for rings in RINGS:
+        for rings, patience in zip(RINGS, PATIENCE, strict=True):
             folded = _bad(flat, triangles)
             if not len(folded):
                 return flat, np.flatnonzero(freed)
@@ -66,7 +66,7 @@ def untangle(
             if not movable.any():
                 continue
             tried = flat.copy()
-            _relax(tried, triangles, points, scale, movable)
+            _relax(tried, triangles, points, scale, movable, patience)
             # A patch that was too small may only have pushed the folds about.
             if len(_bad(tried, triangles)) < len(folded):
                 freed |= loose & (flat != tried).any(axis=1)
@@ -116,7 +116,9 @@ def neighbourhood(corner: sparse.csr_matrix, triangles: IntArray, rings: int) ->
     return points
 
 
-def _relax(flat: FloatArray, triangles: IntArray, points: FloatArray, scale: float, movable: NDArray[np.bool_]) -> None:
+def _relax(
+    flat: FloatArray, triangles: IntArray, points: FloatArray, scale: float, movable: NDArray[np.bool_], patience: int
+) -> None:
     """Lower the energy of all triangles with a movable point until none is folded, in place."""
     near = triangles[movable[triangles].any(axis=1)]
     energy = PatchEnergy(flat, near, rest_shapes(points, near, scale), movable)
@@ -130,6 +132,6 @@ def _relax(flat: FloatArray, triangles: IntArray, points: FloatArray, scale: flo
         before, lowest = lowest, float(energy.determinants(variables).min())
         stuck = stuck + 1 if before < 0 and lowest < before + 1e-3 * abs(before) else 0
         # Settled: done, or the rim of the patch is in the way and a larger patch must be tried.
-        if lowest >= MIN_DETERMINANT or steps == 0 or stuck > PATIENCE:
+        if lowest >= MIN_DETERMINANT or steps == 0 or stuck > patience:
             break
     flat[energy.ids] = variables
