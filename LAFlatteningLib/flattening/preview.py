@@ -16,9 +16,9 @@ from ..surface import FloatArray, IntArray, Surface
 from ..template import Template
 from .flat_map import FlatMap
 
-COARSE_POINTS = (2000, 3000, 5000)
+COARSE_POINTS = (1200, 2000, 3000, 5000)
 """Points of the coarse copy, about; the next number is tried where decimation spoils the mesh."""
-PREVIEW_STEPS = (2, 2, 4, 6)
+PREVIEW_STEPS = (2, 2, 4)
 """Quasi-Newton steps on the coarse copy, see `refinement.STEPS`."""
 
 
