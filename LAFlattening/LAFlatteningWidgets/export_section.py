@@ -18,7 +18,10 @@ class ExportSection(Section):
         """Write all files, and say which."""
         label = self.ui.exportMessage
         with errorsShownIn(label, _("The map could not be exported.")):
-            files = self.logic.exportMap(self.parameters.map, Path(self.parameters.exportDirectory))
+            chosen = Path(self.parameters.exportDirectory)
+            # Not written into the parameters: a saved scene must not tell whose folder it was.
+            folder = Path.home() if str(chosen) == "." else chosen
+            files = self.logic.exportMap(self.parameters.map, folder)
             names = ", ".join(file.name for file in files)
             showMessage(label, _("Written to {folder}: {names}").format(folder=files[0].parent, names=names))
 
@@ -28,9 +31,10 @@ class ExportSection(Section):
 
     def update(self) -> None:
         """A map is needed; files go to the user's own folder until another one is chosen."""
-        if str(self.parameters.exportDirectory) in ("", "."):
-            self.parameters.exportDirectory = Path.home()
         hasMap = self.parameters.map is not None
         self.ui.exportButton.enabled = hasMap
-        files = _("Write the map as VTP and as PNG with colour bar, its quality and the table of regions as CSV.")
+        files = _(
+            "Write the map as VTP and as PNG with colour bar, its quality and the table of regions as CSV; to your home "
+            "folder until another one is chosen."
+        )
         self.ui.exportButton.toolTip = files if hasMap else _("Make a map first.")

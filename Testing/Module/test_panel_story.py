@@ -249,7 +249,8 @@ class TestColours(PanelCase):
 class TestExport(PanelCase):
     def test_files_are_written_and_named(self):
         self.makeMap()
-        self.assertEqual(self.ui.exportDirectory.currentPath, str(Path.home()))
+        # No folder of anyone's is saved with the scene before one is chosen.
+        self.assertEqual(str(self.panel.parameterNode.exportDirectory), ".")
         with tempfile.TemporaryDirectory() as folder:
             self.ui.exportDirectory.currentPath = folder
             self.assertTrue(self.ui.exportButton.enabled)
