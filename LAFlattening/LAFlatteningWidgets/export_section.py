@@ -34,7 +34,7 @@ class ExportSection(Section):
         hasMap = self.parameters.map is not None
         self.ui.exportButton.enabled = hasMap
         files = _(
-            "Write the map as VTP and as PNG with colour bar, its quality and the table of regions as CSV; to your home "
-            "folder until another one is chosen."
+            "Write the map as VTP and as PNG with colour bar, its quality and the table of regions as CSV; to your "
+            "home folder until another one is chosen."
         )
         self.ui.exportButton.toolTip = files if hasMap else _("Make a map first.")
