@@ -65,16 +65,18 @@ class Shape:
         degrees, lengths = self._lengths(start, end)
         return np.interp(fraction * lengths[-1], lengths, degrees)
 
-    def distance(self, points: FloatArray) -> FloatArray:
-        """How far points (k, 2) are from the outline, measured along the ray from its centre; (k,)."""
+    def project(self, points: FloatArray) -> FloatArray:
+        """The places (k, 2) where the rays from the centre through points (k, 2) meet the outline."""
         c, s = np.cos(np.deg2rad(self.rotation)), np.sin(np.deg2rad(self.rotation))
         offset = points - np.asarray(self.centre)
-        local = offset @ np.array([[c, -s], [s, c]])
-        radius = np.linalg.norm(local, axis=1)
-        scale = np.linalg.norm(local / np.asarray(self.semi_axes), axis=1)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            on_ray = np.where(scale > 0, radius / scale, min(self.semi_axes))
-        return np.abs(radius - on_ray)
+        scale = np.linalg.norm(offset @ np.array([[c, -s], [s, c]]) / np.asarray(self.semi_axes), axis=1)[:, None]
+        # The centre itself is on no ray: the end of the shorter axis is nearest to it.
+        nearest = self.at(90.0 * int(np.argmin(self.semi_axes)))
+        return np.where(scale > 0.0, self.centre + offset / np.where(scale > 0.0, scale, 1.0), nearest)
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        """How far points (k, 2) are from the outline, measured along the ray from its centre; (k,)."""
+        return np.linalg.norm(points - self.project(points), axis=1)
 
     def outline(self, count: int = 180) -> FloatArray:
         """A closed polygon of the outline, (count, 2), without repeating the first point."""

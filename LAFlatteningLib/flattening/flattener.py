@@ -149,7 +149,10 @@ class Flattener:
             self._previewer = self._make_previewer(surface, outer_points)
         latest = self._latest if self._latest is not None and self._latest.surface is surface else None
         # On this surface, not on the coarse one, seeds go to their places.
-        return self._previewer.preview(snap_seeds(seeds, cavity, self.template.anatomy).positions, latest)
+        snapped = snap_seeds(seeds, cavity, self.template.anatomy)
+        rims = {hole: cavity.rims[number] for hole, number in snapped.hole.items()}
+        rims[self.template.anatomy.outer] = cavity.outer
+        return self._previewer.preview(snapped.positions, rims, latest)
 
     def _make_previewer(self, surface: Surface, outer_points: FloatArray) -> Previewer:
         bare = Surface(surface.points, surface.triangles, space=surface.space)

@@ -84,12 +84,13 @@ class Previewer:
         self._carrier = Carrier(coarse, surface)
         self._reference: tuple[FlatMap, FloatArray] | None = None
 
-    def preview(self, seeds: Mapping[str, FloatArray], latest: FlatMap | None) -> Preview:
+    def preview(self, seeds: Mapping[str, FloatArray], rims: Mapping[str, IntArray], latest: FlatMap | None) -> Preview:
         """A quick map.
 
         Parameters
         ----------
         seeds : label -> (3,) mm.
+        rims : opening -> its points; they go exactly onto its outline.
         latest : the last map of this cavity, if there is one: the quick map adds to it what moving the seeds from
             there does on the coarse copy, so that nothing jumps when a seed is picked up or let go.
         """
@@ -100,6 +101,8 @@ class Previewer:
         points = self._carrier(coarse.points)
         if latest is not None and self._reference is not None:
             points += self._reference[1]
+        for opening, rim in rims.items():
+            points[rim] = coarse.template.rim(opening).shape.project(points[rim])
         lines = {name: coarse.division.surface.points[ids] for name, ids in coarse.division.paths.items()}
         regions = coarse.regions[self._carrier.triangle[self.surface.triangles[:, 0]]]
         return Preview(points, self.surface, regions, coarse.template, lines)

@@ -363,7 +363,7 @@ class QualityTest(LogicCase):
         self.assertEqual([table.GetMTime() for table in tables], before)
         self.assertIs(self.flat.GetPolyData().GetPoints().GetData(), data, "points are moved in place")
         self.assertGreater(np.linalg.norm(points(self.flat) - old, axis=1).max(), 0.05)
-        self.assertAlmostEqual(np.linalg.norm(points(self.flat), axis=1).max(), 50.0, delta=0.05, msg="still the disk")
+        self.assertAlmostEqual(np.linalg.norm(points(self.flat), axis=1).max(), 50.0, places=6)
 
 
 class BadInputTest(LogicCase):

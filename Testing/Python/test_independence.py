@@ -121,6 +121,15 @@ def test_quick_map_is_the_map_while_nothing_moves(phantom):
     assert (quick.regions == full.regions).mean() > 0.9
 
 
+def test_rims_of_a_quick_map_are_on_their_outlines(fine):
+    phantom, full = fine
+    flattener = Flattener(phantom.surface)
+    quick = flattener.preview({**phantom.seeds, "RIPV": phantom.seeds["RIPV"] + [0.0, 1.0, 1.0]})
+    for opening, loop in full.division.loops.items():
+        rim = loop[loop < len(quick.points)]
+        assert full.template.rim(opening).shape.distance(quick.points[rim]).max() < 1e-12
+
+
 def test_quick_map_follows_a_moved_seed(fine):
     phantom, full = fine
     flattener = Flattener(phantom.surface)
