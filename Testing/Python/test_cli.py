@@ -293,12 +293,12 @@ def test_contradictory_options_are_refused_and_nothing_is_overwritten(files, cap
 
 
 def test_a_failure_at_the_last_file_writes_none(files, monkeypatch):
-    import LAFlatteningLib.cli as cli
+    from LAFlatteningLib.cli import command
 
     def fail(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(cli, "write_surface", fail)
+    monkeypatch.setattr(command, "write_surface", fail)
     before = sorted(path.name for path in files.iterdir())
     assert flatten(files, "--metrics", files / "m.json", "--figure", files / "f.png") == 130
     assert sorted(path.name for path in files.iterdir()) == before
@@ -314,9 +314,9 @@ def test_surface_in_coordinates_of_its_own(files, phantom, capsys):
 
 
 def test_progress_is_shown_after_a_second_and_not_before(capsys, monkeypatch):
-    from LAFlatteningLib.cli import _Progress
+    from LAFlatteningLib.cli.progress import Progress
 
-    progress = _Progress(quiet=False)
+    progress = Progress(quiet=False)
     progress(0.1, "Reading")
     assert capsys.readouterr().err == ""
     progress._timer.join(timeout=5)
@@ -324,7 +324,7 @@ def test_progress_is_shown_after_a_second_and_not_before(capsys, monkeypatch):
     progress(0.5, "Flattening")
     assert "50 %  Flattening" in capsys.readouterr().err
     progress.clear()
-    quiet = _Progress(quiet=True)
+    quiet = Progress(quiet=True)
     quiet(0.5, "Flattening")
     quiet.clear()
     assert capsys.readouterr().err == ""

@@ -1,0 +1,109 @@
+"""An image in space: voxels, and where they lie in the patient."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import SimpleITK as sitk
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+
+from .errors import InputFileError
+from .surface import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Volume:
+    """A scalar image or a label map.
+
+    Attributes
+    ----------
+    values : (slices, rows, columns), indexed [k, j, i] as SimpleITK and Slicer index their arrays.
+    spacing : (3,) distance of voxel centres along i, j, k, mm.
+    origin : (3,) centre of the first voxel, LPS, mm.
+    direction : (3, 3) column a is the direction of index axis a in LPS; orthonormal, left- or right-handed.
+
+    Raises
+    ------
+    InputFileError : values that are no 3D image, a spacing that is not positive, a direction that is not orthonormal.
+
+    Examples
+    --------
+    >>> volume = Volume(np.arange(8.0).reshape(2, 2, 2), np.array([1.0, 1, 2]), np.zeros(3), np.eye(3))
+    >>> volume.sample(np.array([[0.5, 0.0, 0.0], [0.0, 0.0, 2.0], [9.0, 0.0, 0.0]])).tolist()
+    [0.5, 4.0, nan]
+    """
+
+    values: NDArray
+    spacing: FloatArray
+    origin: FloatArray
+    direction: FloatArray
+
+    def __post_init__(self) -> None:
+        if self.values.ndim != 3 or 0 in self.values.shape:
+            raise InputFileError(
+                f"Expected a 3D image with one value a voxel, found an array of shape {self.values.shape}."
+            )
+        if not (np.isfinite(self.spacing).all() and (np.asarray(self.spacing) > 0).all()):
+            raise InputFileError(
+                f"Expected a voxel spacing of three positive numbers in mm, found {np.asarray(self.spacing).tolist()}."
+            )
+        error = np.abs(self.direction.T @ self.direction - np.eye(3)).max()
+        if not error < 1e-3:
+            raise InputFileError(
+                "Expected image axes at right angles (an orthonormal direction matrix), found a deviation of "
+                f"{error:.3g}. Resample the image onto a grid with right angles."
+            )
+
+    @classmethod
+    def from_image(cls, image: sitk.Image) -> Volume:
+        """A 3D SimpleITK image (LPS); voxels are copied."""
+        if image.GetDimension() != 3 or image.GetNumberOfComponentsPerPixel() != 1:
+            raise InputFileError(
+                "Expected a 3D image with one value a voxel, found "
+                f"{image.GetDimension()} dimensions and {image.GetNumberOfComponentsPerPixel()} values a voxel."
+            )
+        return cls(
+            sitk.GetArrayFromImage(image),
+            np.array(image.GetSpacing()),
+            np.array(image.GetOrigin()),
+            np.array(image.GetDirection()).reshape(3, 3),
+        )
+
+    def to_image(self) -> sitk.Image:
+        """A SimpleITK image with a copy of the voxels."""
+        image = sitk.GetImageFromArray(self.values)
+        image.SetSpacing(self.spacing.tolist())
+        image.SetOrigin(self.origin.tolist())
+        image.SetDirection(self.direction.reshape(-1).tolist())
+        return image
+
+    @property
+    def voxel_volume(self) -> float:
+        """Of one voxel, mm3."""
+        return float(np.prod(self.spacing))
+
+    def positions(self, indices: FloatArray) -> FloatArray:
+        """Places (n, 3) in LPS, mm, of (fractions of) indices (n, 3) in the order i, j, k."""
+        return self.origin + (np.asarray(indices) * self.spacing) @ self.direction.T
+
+    def indices(self, positions: FloatArray) -> FloatArray:
+        """The (fractions of) indices (n, 3), in the order i, j, k, of places (n, 3) in LPS, mm."""
+        return ((np.asarray(positions) - self.origin) @ self.direction) / self.spacing
+
+    def sample(self, positions: FloatArray, nearest: bool = False) -> FloatArray:
+        """Values (n,) at places (n, 3) in LPS, mm: trilinear, or of the nearest voxel; NaN outside the voxel centres.
+
+        Half a voxel beyond the outermost centres counts as outside: nothing is extrapolated.
+        """
+        index = self.indices(positions)
+        # Rounding must not push a place on the border outside.
+        last = np.array(self.values.shape[::-1]) - 1.0
+        outside = ((index < -1e-6) | (index > last + 1e-6)).any(axis=1)
+        index = np.clip(index, 0.0, last)
+        values = map_coordinates(
+            self.values, index.T[::-1], order=0 if nearest else 1, mode="nearest", output=np.float64, prefilter=False
+        )
+        values[outside] = np.nan
+        return values
