@@ -1,9 +1,9 @@
 """Uniform remeshing: the same surface with about equal triangles, as many as wanted, and the data on it.
 
-The aim is that of Valette, Chassery and Prost 2008: points spread so that the part of the surface nearest to each has the
-least moment of inertia (a centroidal Voronoi tessellation), joined by its dual, a Delaunay triangulation. It is reached
-by changes that keep the surface what it is (`mesh_edits`), so that no vein can be welded to its neighbour and no handle
-appears, wherever two walls are close; and each result is checked.
+The aim is that of Valette, Chassery and Prost 2008: points spread so that the part of the surface nearest to each has
+the least moment of inertia (a centroidal Voronoi tessellation), joined by its dual, a Delaunay triangulation. It is
+reached by changes that keep the surface what it is (`mesh_edits`): no vein can be welded to its neighbour and no handle
+can appear, however close two walls are. Each result is checked all the same.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ import numpy as np
 
 from . import mesh_edits, operators, topology
 from .carrying import Closest, carry, closest_points, interpolate
+from .creases import crease_samples, sharpened
 from .errors import SurfaceError
 from .mesh_edits import WorkMesh
-from .progress import ProgressCallback, report
-from .surface import Array, FloatArray, IntArray, Surface
+from .progress import ProgressCallback, part, report
+from .surface import Array, FloatArray, Surface
 
 DEFAULT_POINTS = 20_000
 FEWEST, MOST = 100, 2_000_000
@@ -29,6 +30,8 @@ ROUNDS = 4
 """Rounds of splitting, collapsing, flipping and evening out."""
 LAST_ROUNDS = 4
 """Rounds of flipping and evening out once the number of points is right."""
+OTHER_WALL = -0.5
+"""Where normals differ by more than the angle with this cosine (120 degrees), a place is on another wall."""
 FARTHEST_STEP = 0.5
 """A point moves at most so many wanted edge lengths in a round."""
 
@@ -135,15 +138,17 @@ def remesh(
     length = _even_length(surface, wanted)
     mesh = _work_mesh(surface)
     rims = [surface.points[loop] for loop in surface.boundary_loops]
+    creases = crease_samples(surface, 0.5 * length)
     for k in range(ROUNDS):
-        report(progress, 0.1 + 0.5 * k / ROUNDS, "Evening out the triangles")
+        share = 0.1 + 0.5 * k / ROUNDS
+        report(progress, share, "Evening out the triangles")
         _split_long(mesh, LONG * length, wanted)
-        _collapse_short(mesh, SHORT * length, LONG * length, progress)
+        _collapse_short(mesh, SHORT * length, LONG * length, part(progress, share, share))
         _flip(mesh)
         _even_out(mesh, rims, length)
         _flip(mesh)
         if k % 2 == 1 or k == 0:
-            _put_on(mesh, surface, length)
+            _put_on(mesh, surface, creases, length)
     report(progress, 0.6, "Fitting the number of points")
     _fit_number(mesh, wanted, length)
     for k in range(LAST_ROUNDS):
@@ -151,7 +156,7 @@ def remesh(
         _flip(mesh)
         _even_out(mesh, rims, length)
         if k % 2 == 1:
-            _put_on(mesh, surface, length)
+            _put_on(mesh, surface, creases, length)
     _flip(mesh)
     report(progress, 0.9, "Carrying the data over")
     made = Surface(mesh.points, mesh.triangles, space=surface.space)
@@ -237,7 +242,7 @@ def _collapse_short(mesh: WorkMesh, shortest: float, longest: float, progress: P
         removed = mesh_edits.collapse_edges(mesh, mesh.edge_lengths() < shortest, longest)
         if removed < 1e-3 * len(mesh.points):
             return
-        report(progress, 0.1, "Thinning out the points")
+        report(progress, 0.0, "Thinning out the points")
 
 
 def _flip(mesh: WorkMesh) -> None:
@@ -259,13 +264,18 @@ def _even_out(mesh: WorkMesh, rims: list[FloatArray], length: float) -> None:
     if rims:
         for loop in topology.boundary_loops(mesh.triangles, mesh.edges):
             k = mesh.rim[loop[0]]
-            before, after = mesh.along[np.roll(loop, 1)], mesh.along[np.roll(loop, -1)]
-            # From the point before to the one after, the way round on which the loop goes.
-            round_ = mesh.rim_lengths[k]
-            back, forth = (mesh.along[loop] - before) % round_, (after - mesh.along[loop]) % round_
-            along[loop] = (mesh.along[loop] + 0.5 * (forth - back) * 0.9) % round_
+            along[loop] = _evened(mesh.along[loop], mesh.rim_lengths[k], FARTHEST_STEP * length)
             goal[loop] = along_rim(rims[k], along[loop])
     _move(mesh, goal, along)
+
+
+def _evened(along: FloatArray, round_mm: float, most: float) -> FloatArray:
+    """Places along a rim, in order, moved towards equal steps by `most` mm at most."""
+    steps = (np.roll(along, -1) - along) % round_mm
+    unrolled = along[0] + np.concatenate([[0.0], np.cumsum(steps[:-1])])
+    even = np.arange(len(along)) * round_mm / len(along)
+    even += (unrolled - even).mean()
+    return (unrolled + np.clip(even - unrolled, -most, most)) % round_mm
 
 
 def along_rim(rim: FloatArray, along: FloatArray) -> FloatArray:
@@ -294,16 +304,28 @@ def _move(mesh: WorkMesh, goal: FloatArray, along: FloatArray) -> None:
         held[mesh.triangles[turned]] = True
 
 
-def _put_on(mesh: WorkMesh, surface: Surface, length: float) -> None:
-    """Move inner points to the closest place on the surface, unless that is on another wall."""
+def _put_on(mesh: WorkMesh, surface: Surface, creases: tuple[FloatArray, FloatArray], length: float) -> None:
+    """Move inner points onto creases that are near, then all to the closest place on the surface that does not face
+    the other way (another wall)."""
     inner = np.flatnonzero(mesh.rim < 0)
-    closest = closest_points(surface, mesh.points[inner])
+    if len(creases[0]):
+        sharp = sharpened(Surface(mesh.points, mesh.triangles), *creases, length)
+        _move(mesh, np.where(mesh.rim[:, None] < 0, sharp, mesh.points), mesh.along)
     normals = operators.point_normals(mesh.points, mesh.triangles)[inner]
-    there = operators.area_vectors(surface.points, surface.triangles[closest.triangle])
-    same = np.einsum("ij,ij->i", normals, there) > 0.0
-    same &= closest.distance_mm < length
+    facing = operators.area_vectors(surface.points, surface.triangles)
+    facing /= np.maximum(np.linalg.norm(facing, axis=1), 1e-300)[:, None]
+    closest = closest_points(surface, mesh.points[inner])
     goal = mesh.points.copy()
-    goal[inner[same]] = closest.positions[same]
+    goal[inner] = closest.positions
+    turned = np.einsum("ij,ij->i", normals, facing[closest.triangle]) < OTHER_WALL
+    # For those: the closest place on what faces the same way, about; a part of the surface for each octant.
+    octant = (normals > 0) @ np.array([4, 2, 1])
+    for number in np.unique(octant[turned]):
+        axis = np.where([number & 4, number & 2, number & 1], 1.0, -1.0) / np.sqrt(3.0)
+        rows = turned & (octant == number)
+        keep = facing @ axis > 0.0
+        if keep.any():
+            goal[inner[rows]] = closest_points(surface.submesh(keep)[0], mesh.points[inner[rows]]).positions
     _move(mesh, goal, mesh.along)
 
 
@@ -345,6 +367,3 @@ def _check_kept(before: Surface, after: Surface, wanted: int) -> None:
             f"openings, {kind[2]} piece; found {made[0]}, {made[1]} and {made[2]}, with {len(after.points)} points). "
             "Choose more points."
         )
-
-
-__all__ = ["IntArray", "Remeshed", "remesh"]
