@@ -15,10 +15,12 @@ import numpy as np
 
 from . import mesh_edits, operators, topology
 from .carrying import Closest, carry, closest_points, interpolate
+from .clusters import contract_clusters
 from .creases import crease_samples, sharpened
 from .errors import SurfaceError
 from .mesh_edits import WorkMesh
 from .progress import ProgressCallback, part, report
+from .rim_points import Rim
 from .surface import Array, FloatArray, Surface
 
 DEFAULT_POINTS = 20_000
@@ -26,7 +28,9 @@ FEWEST, MOST = 100, 2_000_000
 """Numbers of points that can be asked for."""
 SHORT, LONG = 0.8, 4.0 / 3.0
 """Edges shorter or longer than this, in wanted lengths, are collapsed or split (Botsch and Kobbelt 2004)."""
-ROUNDS = 4
+MANY = 0.5
+"""Where a larger share of the edges is too short, whole clusters are contracted."""
+ROUNDS = 3
 """Rounds of splitting, collapsing, flipping and evening out."""
 LAST_ROUNDS = 4
 """Rounds of flipping and evening out once the number of points is right."""
@@ -133,11 +137,11 @@ def remesh(
     >>> len(remeshed.surface.points), len(remeshed.surface.boundary_loops)
     (2000, 6)
     """
-    surface = _checked(surface)
+    source, surface = surface, _checked(surface)
     wanted = _wanted_points(surface, points, edge_length_mm)
     length = _even_length(surface, wanted)
-    mesh = _work_mesh(surface)
-    rims = [surface.points[loop] for loop in surface.boundary_loops]
+    mesh = work_mesh(surface)
+    rims = [Rim.of(surface.points[loop], length) for loop in surface.boundary_loops]
     creases = crease_samples(surface, 0.5 * length)
     for k in range(ROUNDS):
         share = 0.1 + 0.5 * k / ROUNDS
@@ -147,7 +151,7 @@ def remesh(
         _flip(mesh)
         _even_out(mesh, rims, length)
         _flip(mesh)
-        if k % 2 == 1 or k == 0:
+        if k == 1 or len(creases[0]):
             _put_on(mesh, surface, creases, length)
     report(progress, 0.6, "Fitting the number of points")
     _fit_number(mesh, wanted, length)
@@ -155,16 +159,19 @@ def remesh(
         report(progress, 0.7 + 0.05 * k, "Evening out the triangles")
         _flip(mesh)
         _even_out(mesh, rims, length)
-        if k % 2 == 1:
+        if k == LAST_ROUNDS - 1 or len(creases[0]):
             _put_on(mesh, surface, creases, length)
-    _flip(mesh)
+    _flip(mesh, times=8)
     report(progress, 0.9, "Carrying the data over")
     made = Surface(mesh.points, mesh.triangles, space=surface.space)
     _check_kept(surface, made, wanted)
-    carried = carry(surface, made.points)
-    centres = carry(replace(surface, point_data={}), made.points[made.triangles].mean(axis=1))
-    made = made.with_data(carried.point_data, centres.cell_data, surface.field_data)
-    return Remeshed(made, surface, tuple(dict.fromkeys(carried.notes + centres.notes)))
+    carried = carry(replace(surface, cell_data={}), made.points)
+    notes = carried.notes
+    made = made.with_data(carried.point_data, field_data=surface.field_data)
+    if surface.cell_data:
+        centres = carry(replace(surface, point_data={}), made.points[made.triangles].mean(axis=1))
+        made, notes = made.with_data(cell_data=centres.cell_data), notes + centres.notes
+    return Remeshed(made, source, notes)
 
 
 def _checked(surface: Surface) -> Surface:
@@ -215,7 +222,8 @@ def _even_length(surface: Surface, points: int) -> float:
     return float(2.0 * a / (-b + np.sqrt(b * b + 4.0 * a * points)))
 
 
-def _work_mesh(surface: Surface) -> WorkMesh:
+def work_mesh(surface: Surface) -> WorkMesh:
+    """A copy of a surface to be changed, with its rims."""
     n = len(surface.points)
     rim, along = np.full(n, -1, np.int64), np.zeros(n)
     lengths = []
@@ -238,6 +246,10 @@ def _split_long(mesh: WorkMesh, longest: float, wanted: int) -> None:
 
 
 def _collapse_short(mesh: WorkMesh, shortest: float, longest: float, progress: ProgressCallback | None) -> None:
+    while np.mean(mesh.edge_lengths() < shortest) > MANY:
+        report(progress, 0.0, "Thinning out the points")
+        if contract_clusters(mesh, shortest) < 0.1 * len(mesh.points):
+            break
     for _ in range(60):
         removed = mesh_edits.collapse_edges(mesh, mesh.edge_lengths() < shortest, longest)
         if removed < 1e-3 * len(mesh.points):
@@ -245,13 +257,13 @@ def _collapse_short(mesh: WorkMesh, shortest: float, longest: float, progress: P
         report(progress, 0.0, "Thinning out the points")
 
 
-def _flip(mesh: WorkMesh) -> None:
-    for _ in range(8):
-        if mesh_edits.flip_edges(mesh) < 1e-4 * len(mesh.triangles):
+def _flip(mesh: WorkMesh, times: int = 3) -> None:
+    for _ in range(times):
+        if mesh_edits.flip_edges(mesh) < 1e-3 * len(mesh.triangles):
             return
 
 
-def _even_out(mesh: WorkMesh, rims: list[FloatArray], length: float) -> None:
+def _even_out(mesh: WorkMesh, rims: list[Rim], length: float) -> None:
     """Move points to the centroids of their surroundings: inside along the surface, on rims along the rim."""
     normals = operators.point_normals(mesh.points, mesh.triangles)
     step = mesh_edits.star_centroids(mesh.points, mesh.triangles) - mesh.points
@@ -263,26 +275,10 @@ def _even_out(mesh: WorkMesh, rims: list[FloatArray], length: float) -> None:
     along = mesh.along.copy()
     if rims:
         for loop in topology.boundary_loops(mesh.triangles, mesh.edges):
-            k = mesh.rim[loop[0]]
-            along[loop] = _evened(mesh.along[loop], mesh.rim_lengths[k], FARTHEST_STEP * length)
-            goal[loop] = along_rim(rims[k], along[loop])
+            rim = rims[mesh.rim[loop[0]]]
+            along[loop] = rim.evened(mesh.along[loop], FARTHEST_STEP * length)
+            goal[loop] = rim.positions(along[loop])
     _move(mesh, goal, along)
-
-
-def _evened(along: FloatArray, round_mm: float, most: float) -> FloatArray:
-    """Places along a rim, in order, moved towards equal steps by `most` mm at most."""
-    steps = (np.roll(along, -1) - along) % round_mm
-    unrolled = along[0] + np.concatenate([[0.0], np.cumsum(steps[:-1])])
-    even = np.arange(len(along)) * round_mm / len(along)
-    even += (unrolled - even).mean()
-    return (unrolled + np.clip(even - unrolled, -most, most)) % round_mm
-
-
-def along_rim(rim: FloatArray, along: FloatArray) -> FloatArray:
-    """Positions on a closed line (k, 3), given in mm along it from its first point."""
-    closed = np.concatenate([rim, rim[:1]])
-    at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
-    return np.stack([np.interp(along, at, closed[:, axis]) for axis in range(3)], axis=1)
 
 
 def _move(mesh: WorkMesh, goal: FloatArray, along: FloatArray) -> None:
