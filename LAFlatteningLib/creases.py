@@ -8,18 +8,19 @@ from . import operators
 from .carrying import closest_points
 from .surface import FloatArray, Surface
 
-SHARP_DEGREES = 45.0
-"""An edge at which the surface turns by more is a crease."""
-ROUGH_SHARE = 0.15
-"""A surface with a larger share of such edges is rough all over (steps of voxels), rather than creased."""
+SHARP_COSINE = float(np.cos(np.radians(45.0)))
+"""An edge at which the surface turns by more than the angle with this cosine (45 degrees) is a crease."""
+ROUGH = 0.4
+"""A surface with more creases, in edge lengths of the new mesh for each of its squares, is rough all over (steps of
+voxels), rather than creased."""
 
 
-def crease_samples(surface: Surface, spacing: float) -> tuple[FloatArray, FloatArray]:
+def crease_samples(surface: Surface, edge_length: float) -> tuple[FloatArray, FloatArray]:
     """Places along the creases of a surface.
 
     Parameters
     ----------
-    spacing : mm, at most so far apart.
+    edge_length : mm, of the new mesh; places are at most half of it apart.
 
     Returns
     -------
@@ -32,10 +33,10 @@ def crease_samples(surface: Surface, spacing: float) -> tuple[FloatArray, FloatA
     normals = vectors / np.maximum(area, 1e-300)[:, None]
     one, two = edges.triangles.T
     sharp = (edges.usage == 2) & (area[one] > 0) & (area[two] > 0)
-    sharp &= np.einsum("ij,ij->i", normals[one], normals[two]) < np.cos(np.radians(SHARP_DEGREES))
-    if np.count_nonzero(sharp) > ROUGH_SHARE * len(sharp):
+    sharp &= np.einsum("ij,ij->i", normals[one], normals[two]) < SHARP_COSINE
+    if surface.edge_lengths[sharp].sum() * edge_length > ROUGH * surface.area:
         sharp[:] = False
-    count = np.ceil(surface.edge_lengths[sharp] / spacing).astype(np.int64)
+    count = np.ceil(surface.edge_lengths[sharp] / (0.5 * edge_length)).astype(np.int64)
     which = np.repeat(np.flatnonzero(sharp), count)
     first = np.repeat(np.cumsum(count) - count, count)
     share = (np.arange(len(which)) - first + 0.5) / np.repeat(count, count)

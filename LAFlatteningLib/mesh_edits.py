@@ -270,8 +270,12 @@ def _independent(rank: IntArray, none: int, ends: IntArray) -> IntArray:
     return np.concatenate(picked) if picked else np.zeros(0, np.int64)
 
 
-def flip_edges(mesh: WorkMesh) -> int:
+def flip_edges(mesh: WorkMesh, bent: float = -1.0) -> int:
     """Flip edges opposite to which the two angles sum to more than 180 degrees (so that they become Delaunay).
+
+    Parameters
+    ----------
+    bent : edges at which the cosine of the turn is smaller stay, because they are creases; by default none are.
 
     Returns
     -------
@@ -287,6 +291,9 @@ def flip_edges(mesh: WorkMesh) -> int:
     first, second = edges.triangles[bad].T
     side = (edges.of_triangle[first] == bad[:, None]).argmax(axis=1)
     other = (edges.of_triangle[second] == bad[:, None]).argmax(axis=1)
+    facing = operators.area_vectors(mesh.points, mesh.triangles)
+    size = np.maximum(np.linalg.norm(facing, axis=1), 1e-300)
+    turn = np.einsum("ij,ij->i", facing[first], facing[second]) / (size[first] * size[second])
     # Triangles (c, a, b) and (d, b, a) become (c, a, d) and (d, b, c).
     c, a, b = (mesh.triangles[first, (side + k) % 3] for k in range(3))
     d = mesh.triangles[second, other]
@@ -295,7 +302,7 @@ def flip_edges(mesh: WorkMesh) -> int:
     place = np.minimum(np.searchsorted(present, key), len(present) - 1)
     degree = np.bincount(edges.points.reshape(-1), minlength=n)
     least = np.where(mesh.rim >= 0, 2, 3)
-    good = (present[place] != key) & (degree[a] > least[a]) & (degree[b] > least[b])
+    good = (turn >= bent) & (present[place] != key) & (degree[a] > least[a]) & (degree[b] > least[b])
     one, two = np.stack([c, a, d], 1), np.stack([d, b, c], 1)
     for new in (one, two):
         for old in (first, second):

@@ -16,7 +16,7 @@ import numpy as np
 from . import mesh_edits, operators, topology
 from .carrying import Closest, carry, closest_points, interpolate
 from .clusters import contract_clusters
-from .creases import crease_samples, sharpened
+from .creases import SHARP_COSINE, crease_samples, sharpened
 from .errors import SurfaceError
 from .mesh_edits import WorkMesh
 from .progress import ProgressCallback, part, report
@@ -32,7 +32,7 @@ MANY = 0.5
 """Where a larger share of the edges is too short, whole clusters are contracted."""
 ROUNDS = 3
 """Rounds of splitting, collapsing, flipping and evening out."""
-LAST_ROUNDS = 4
+LAST_ROUNDS = 3
 """Rounds of flipping and evening out once the number of points is right."""
 OTHER_WALL = -0.5
 """Where normals differ by more than the angle with this cosine (120 degrees), a place is on another wall."""
@@ -142,26 +142,27 @@ def remesh(
     length = _even_length(surface, wanted)
     mesh = work_mesh(surface)
     rims = [Rim.of(surface.points[loop], length) for loop in surface.boundary_loops]
-    creases = crease_samples(surface, 0.5 * length)
+    creases = crease_samples(surface, length)
+    bent = SHARP_COSINE if len(creases[0]) else -1.0
     for k in range(ROUNDS):
         share = 0.1 + 0.5 * k / ROUNDS
         report(progress, share, "Evening out the triangles")
         _split_long(mesh, LONG * length, wanted)
         _collapse_short(mesh, SHORT * length, LONG * length, part(progress, share, share))
-        _flip(mesh)
+        _flip(mesh, bent)
         _even_out(mesh, rims, length)
-        _flip(mesh)
+        _flip(mesh, bent)
         if k == 1 or len(creases[0]):
             _put_on(mesh, surface, creases, length)
     report(progress, 0.6, "Fitting the number of points")
-    _fit_number(mesh, wanted, length)
+    _fit_number(mesh, wanted, bent)
     for k in range(LAST_ROUNDS):
         report(progress, 0.7 + 0.05 * k, "Evening out the triangles")
-        _flip(mesh)
+        _flip(mesh, bent)
         _even_out(mesh, rims, length)
         if k == LAST_ROUNDS - 1 or len(creases[0]):
             _put_on(mesh, surface, creases, length)
-    _flip(mesh, times=8)
+    _flip(mesh, bent, times=8)
     report(progress, 0.9, "Carrying the data over")
     made = Surface(mesh.points, mesh.triangles, space=surface.space)
     _check_kept(surface, made, wanted)
@@ -257,9 +258,9 @@ def _collapse_short(mesh: WorkMesh, shortest: float, longest: float, progress: P
         report(progress, 0.0, "Thinning out the points")
 
 
-def _flip(mesh: WorkMesh, times: int = 3) -> None:
+def _flip(mesh: WorkMesh, bent: float, times: int = 3) -> None:
     for _ in range(times):
-        if mesh_edits.flip_edges(mesh) < 1e-3 * len(mesh.triangles):
+        if mesh_edits.flip_edges(mesh, bent) < 1e-3 * len(mesh.triangles):
             return
 
 
@@ -325,7 +326,7 @@ def _put_on(mesh: WorkMesh, surface: Surface, creases: tuple[FloatArray, FloatAr
     _move(mesh, goal, mesh.along)
 
 
-def _fit_number(mesh: WorkMesh, wanted: int, length: float) -> None:
+def _fit_number(mesh: WorkMesh, wanted: int, bent: float) -> None:
     """Collapse the shortest or split the longest edges until the number of points is right."""
     for _ in range(200):
         excess = len(mesh.points) - wanted
@@ -346,7 +347,7 @@ def _fit_number(mesh: WorkMesh, wanted: int, length: float) -> None:
                 mesh, np.ones(len(lengths), bool), most=excess
             ):
                 return
-        _flip(mesh)
+        _flip(mesh, bent)
 
 
 def _check_kept(before: Surface, after: Surface, wanted: int) -> None:
