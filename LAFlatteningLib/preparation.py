@@ -1,0 +1,212 @@
+"""From a raw atrium to a cavity with seeds: clean, remesh, cut, name, place seeds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ._version import __version__
+from .anatomy import LEFT_ATRIUM, Anatomy
+from .cavity.clipping import CutPlane
+from .cavity.opening_up import open_up
+from .cavity.openings import check_surface
+from .cavity.plan import KEEP_MM, CutPlan, PlannedOpening, plan_cuts
+from .progress import ProgressCallback, Stopwatch, part, report
+from .remeshing import remesh
+from .seed_suggestion import suggest_seeds
+from .surface import FloatArray, IntArray, Surface
+
+EVEN_POINTS = (10_000, 40_000)
+"""A surface with so many points is not meshed anew unless a number is asked for."""
+DEFAULT_POINTS = 20_000
+"""Points that another surface is given."""
+
+
+@dataclass(frozen=True)
+class PrepareSettings:
+    """How an atrium is prepared.
+
+    Attributes
+    ----------
+    points : of the closed atrium, which is meshed anew; 0 keeps its mesh; None keeps it if it has `EVEN_POINTS`, and
+        else asks for `DEFAULT_POINTS`.
+    pv_length_mm, laa_length_mm : length of vein and appendage that stays beyond the ostium.
+    whole_triangles : leave triangles whole at the rims.
+    extra_veins : "cover" or "keep", see `cavity.plan.plan_cuts`.
+    ignore_axes : the coordinates are not the patient's axes.
+    """
+
+    points: int | None = None
+    pv_length_mm: float = KEEP_MM
+    laa_length_mm: float = KEEP_MM
+    whole_triangles: bool = False
+    extra_veins: str = "cover"
+    ignore_axes: bool = False
+
+
+@dataclass(eq=False)
+class Preparation:
+    """An atrium on its way to a map; steps that were not reached are None or empty.
+
+    Attributes
+    ----------
+    raw : the surface as given.
+    surface : cleaned and perhaps meshed anew; still with its veins.
+    plan : its openings, and where it is cut.
+    cavity : open at all openings.
+    rims : opening -> its rim in the cavity.
+    seeds : seed -> (3,) mm.
+    repairs : what was mended, in words.
+    seconds : by step.
+    """
+
+    raw: Surface
+    surface: Surface | None = None
+    plan: CutPlan | None = None
+    cavity: Surface | None = None
+    rims: Mapping[str, IntArray] = field(default_factory=dict)
+    seeds: Mapping[str, FloatArray] = field(default_factory=dict)
+    repairs: list[str] = field(default_factory=list)
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def notes(self) -> list[str]:
+        """All that the user should know, in words."""
+        return [*self.repairs, *(self.plan.notes if self.plan else ())]
+
+    def report(self) -> dict[str, Any]:
+        """What was found and done, for ``prepare.json``; JSON types only."""
+        result: dict[str, Any] = {
+            "schema": "laflattening-prepare/1",
+            "version": __version__,
+            "space": self.raw.space,
+            "input": _sizes(self.raw),
+            "repairs": list(self.repairs),
+            "notes": list(self.plan.notes) if self.plan else [],
+            "seconds": dict(self.seconds),
+        }
+        if self.plan:
+            recognition = self.plan.recognition
+            result["confidence"] = self.plan.confidence
+            if recognition:
+                result["recognition"] = {"misfit": recognition.misfit, "lead": min(recognition.lead, 99.0)}
+            result["planes"] = {name: _described(opening) for name, opening in self.plan.openings.items()}
+            result["extra_veins"] = [_described(opening) for opening in self.plan.extra]
+        if self.cavity:
+            result["cavity"] = _sizes(self.cavity)
+            for name, rim in self.rims.items():
+                result["planes"][name]["rim_perimeter_mm"] = self.cavity.loop_length(rim)
+        if self.seeds:
+            result["seeds"] = {label: np.asarray(place).tolist() for label, place in self.seeds.items()}
+        return result
+
+
+def prepare(
+    surface: Surface,
+    settings: PrepareSettings | None = None,
+    *,
+    anatomy: Anatomy = LEFT_ATRIUM,
+    tips: Mapping[str, FloatArray] | None = None,
+    planes: Mapping[str, CutPlane] | None = None,
+    into: Preparation | None = None,
+    progress: ProgressCallback | None = None,
+) -> Preparation:
+    """A cavity with seeds from a raw atrium.
+
+    Parameters
+    ----------
+    surface : an atrium in mm, closed or open at some openings, with veins of any length.
+    tips, planes : see `cavity.plan.plan_cuts`.
+    into : filled step by step, so that after an error the caller has what was reached.
+
+    Raises
+    ------
+    SurfaceError, SeedError : what is wrong with the surface, where, and what to do.
+    Cancelled : by `progress`.
+
+    Examples
+    --------
+    >>> from LAFlatteningLib.phantom import make_phantom
+    >>> prepared = prepare(make_phantom(4000, closed=True).surface, PrepareSettings(points=0))
+    >>> len(prepared.cavity.boundary_loops), sorted(prepared.seeds)[:2]
+    (6, ['LAA', 'LIPV'])
+    """
+    settings = settings or PrepareSettings()
+    result = into if into is not None else Preparation(surface)
+    watch = Stopwatch()
+    result.seconds = watch.seconds
+    with watch.stage("clean"):
+        report(progress, 0.0, "Checking the surface")
+        cleaned, notes = check_surface(surface)
+        result.repairs += notes
+    with watch.stage("remesh"):
+        result.surface = _remeshed(cleaned, settings.points, part(progress, 0.1, 0.4))
+    with watch.stage("plan"):
+        result.plan = plan_cuts(
+            result.surface,
+            anatomy,
+            tips=tips,
+            planes=planes,
+            keep_mm={
+                hole: settings.laa_length_mm if hole in anatomy.appendages else settings.pv_length_mm
+                for hole in anatomy.holes
+            },
+            ignore_axes=settings.ignore_axes,
+            extra_veins=settings.extra_veins,
+            progress=part(progress, 0.4, 0.8),
+        )
+    apply_plan(result, settings, anatomy, part(progress, 0.8, 1.0), watch)
+    watch.stop()
+    return result
+
+
+def apply_plan(
+    preparation: Preparation,
+    settings: PrepareSettings,
+    anatomy: Anatomy = LEFT_ATRIUM,
+    progress: ProgressCallback | None = None,
+    watch: Stopwatch | None = None,
+) -> None:
+    """Cut the surface of a preparation by its plan, and place seeds; again after planes were moved."""
+    assert preparation.surface is not None
+    assert preparation.plan is not None
+    watch = watch or Stopwatch()
+    with watch.stage("cut"):
+        cavity, rims = open_up(preparation.surface, preparation.plan, settings.whole_triangles, progress)
+    with watch.stage("seeds"):
+        report(progress, 0.9, "Placing seeds")
+        seeds = suggest_seeds(cavity, rims, anatomy)
+    preparation.cavity, preparation.rims, preparation.seeds = cavity, rims, seeds
+
+
+def _remeshed(surface: Surface, points: int | None, progress: ProgressCallback | None) -> Surface:
+    if points == 0 or (points is None and EVEN_POINTS[0] <= len(surface.points) <= EVEN_POINTS[1]):
+        return surface
+    return remesh(surface, points or DEFAULT_POINTS, progress=progress).surface
+
+
+def _sizes(surface: Surface) -> dict[str, Any]:
+    return {
+        "points": len(surface.points),
+        "triangles": len(surface.triangles),
+        "area_cm2": surface.area / 100.0,
+        "volume_ml": abs(surface.enclosed_volume) / 1000.0 if surface.is_manifold else None,
+    }
+
+
+def _described(opening: PlannedOpening) -> dict[str, Any]:
+    return {
+        "centre_mm": opening.plane.centre.tolist(),
+        "normal": opening.plane.normal.tolist(),
+        "found_by": opening.found_by,
+        "perimeter_mm": _number(opening.perimeter_mm),
+        "kept_mm": _number(opening.kept_mm),
+    }
+
+
+def _number(value: float) -> float | None:
+    """A number that JSON knows."""
+    return float(value) if np.isfinite(value) else None
