@@ -124,12 +124,12 @@ def _without_cut(surface: Surface, side: FloatArray, section: Section, what: str
     cut[section.triangles] = True
     snapped, side = _snapped(surface, side, cut, snap)
     divided, side, on_curve = _divided(snapped, side, cut)
+    near = on_curve[divided.triangles].any(axis=1)
     flat = on_curve[divided.triangles].all(axis=1)
-    if flat.any() or (divided.triangle_areas <= 1e-12).any():
+    if flat.any() or (divided.triangle_areas[near] <= 1e-12).any():
         if snap > 0.0:
             raise _SnapError
         raise SurfaceError(f"{what} cuts triangles into parts without area. Move it a little.")
-    near = on_curve[divided.triangles].any(axis=1)
     corner = np.where(on_curve[divided.triangles], 0.0, side[divided.triangles])
     beyond = np.asarray(near & (corner.sum(axis=1) > 0.0))
     part, _ = divided.submesh(~_beyond(divided, beyond, np.asarray(near), what))

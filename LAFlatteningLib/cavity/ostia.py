@@ -112,8 +112,8 @@ def find_ostium(surface: Surface, lumen: Lumen, tip: FloatArray, neck: bool = Fa
     Sections at right angles to the centreline give its largest diameter D. Their envelope E, the smallest D from each
     place inwards, ignores side branches and bulges, since those end before the body does. A *run* is a stretch over
     which E grows by `SLOPE` a mm or more, averaged over `RUN_MM`; runs with no tube between them (`FLARE`) are one
-    funnel. The ostium is the beginning of the last funnel that begins where a vein can still be (E up to `WIDEST_VEIN_MM`): an
-    earlier one is a bifurcation.
+    funnel. The ostium is the beginning of the last funnel that begins where a vein can still be (E up to
+    `WIDEST_VEIN_MM`): an earlier one is a bifurcation.
 
     An appendage has lobes and grows wider less steadily; where it has a neck its ostium is the place inwards of that
     where it has become `NECK_GROWTH` times as wide.

@@ -222,8 +222,8 @@ class _Planner:
                         "part; if they do, segment them farther out, or mark the tip of each (--tips)."
                     )
                 self.notes.append(
-                    f"{hole} is one trunk with {' and '.join(sorted(shared))} at its ostium; it is cut where it leaves it, "
-                    f"{ostium.at_mm - at:.0f} mm farther out. The map shows the trunk between them instead of a carina."
+                    f"{hole} is one trunk with {' and '.join(sorted(shared))} at its ostium; it is cut where it leaves "
+                    f"it, {ostium.at_mm - at:.0f} mm farther out. The map shows the trunk between them instead of a carina."
                 )
                 result[hole] = replace(candidate, ostium=replace(ostium, at_mm=at))
         return result
@@ -445,9 +445,11 @@ def _extra_veins(
             continue
         centre, normal, kept = c.ostium.plane_at(0.0)
         section = plane_section(planner.closed, centre, normal)
+        if section is None or not section.around or section.diameter > WIDEST_VEIN_MM:
+            continue
         nearest = min(named, key=lambda hole: float(np.linalg.norm(openings[hole].plane.centre - centre)), default="")
         place = f" near {nearest}" if nearest else ""
-        if section is None or not section.around or what == "keep":
+        if what == "keep":
             planner.notes.append(f"An extra vein{place}, {c.rise_mm:.0f} mm long, stays on the surface as a bulge.")
             continue
         planner.notes.append(
