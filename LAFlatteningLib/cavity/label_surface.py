@@ -1,8 +1,8 @@
 """From a label map to a smooth surface of the atrium.
 
 The mask is smoothed by the kernel 2G - G*G ("twicing", Tukey 1977) and cut at one half by flying edges. G is a Gaussian
-with a standard deviation of `SMOOTHING` times the coarsest voxel spacing, the same in mm along all axes. A plain Gaussian
-takes the staircase away but pulls a vein of radius r inwards by sigma^2 / (2 r); twicing cancels this term.
+with a standard deviation of `SMOOTHING` times the coarsest voxel spacing, the same in mm along all axes. A plain
+Gaussian takes the staircase away but pulls a vein of radius r inwards by sigma^2 / (2 r); twicing cancels this term.
 """
 
 from __future__ import annotations

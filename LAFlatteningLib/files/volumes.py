@@ -41,7 +41,9 @@ def read_volume(path: PathLike) -> Volume:
     except OSError as error:
         raise unreadable(path, error.strerror or str(error)) from error
     except (EOFError, zlib.error, struct.error, ValueError) as error:
-        raise unreadable(path, f"its header is damaged ({error})") from error
+        if isinstance(error, InputFileError):
+            raise
+        raise unreadable(path, f"it is damaged or cut off ({error})") from error
     if not stated:
         raise InputFileError(
             f'"{path}" states no voxel spacing, so nothing in it can be measured in mm. Expected {_WHERE[suffix]}. '
@@ -89,8 +91,8 @@ def write_volume(volume: Volume, path: PathLike) -> None:
     if volume.values.dtype == np.bool_:
         volume = Volume(volume.values.astype(np.uint8), volume.spacing, volume.origin, volume.direction)
     with atomic_write(path) as temporary:
-        # ITK chooses the format by the name, and for .nii.gz looks at both extensions.
-        part = temporary.with_name(f"{temporary.name}{suffix}")
+        # ITK chooses the format by the name; of .nii.gz it looks at both extensions, and wants no other before them.
+        part = temporary.with_name(temporary.name.replace(".", "_") + suffix)
         try:
             sitk.WriteImage(volume.to_image(), str(part), useCompression=suffix != ".nii")
             part.replace(temporary)
@@ -143,6 +145,9 @@ def _nifti_states_spacing(path: Path) -> bool:
     packed = path.name.lower().endswith(".gz")
     with gzip.open(path) if packed else path.open("rb") as file:
         head = file.read(540)
+        # The NIfTI library takes what is missing at the end of a packed file for zeros; gzip finds it out.
+        while packed and file.read(1 << 20):
+            pass
     for order in "<>":
         size = struct.unpack(order + "i", head[:4])[0]
         if size == 348:
