@@ -35,7 +35,6 @@ LIMIT = 8.0
 """A bridge or tunnel wider than this is no artefact, mm: it is as wide as a small pulmonary vein."""
 
 _ROOTS = 8
-_ROUNDS = 8
 _LOOPS = 4
 
 
@@ -207,16 +206,21 @@ def _shortest_loop(search: _Search) -> IntArray | None:
     """A short loop that does not part the surface: loops from anywhere, then from points on the best ones."""
     start = search.loops(int(np.flatnonzero(~search.barred)[0]))[:_LOOPS]
     best: _Loop | None = None
+    longest = float(search.surface.edge_lengths.max())
     for loop in start:
-        for _ in range(_ROUNDS):
-            before = loop.length
-            step = max(1, len(loop.points) // _ROOTS)
-            for root in loop.points[::step]:
-                near = search.loops(int(root), 0.55 * loop.length + 2.0 * search.surface.edge_lengths.max())
+        improved = True
+        while improved:
+            improved = False
+            # Nothing longer than the best loop so far is of interest, and small neighbourhoods are quick.
+            reach = 0.55 * min(loop.length, best.length if best else np.inf) + 2.0 * longest
+            # A bridge's loop is met by a loop through its tunnel: points all along it are tried, far ones first.
+            count = len(loop.points)
+            roots = loop.points[np.unique(np.linspace(0, count, _ROOTS, endpoint=False).astype(int))]
+            for root in roots[np.argsort(np.arange(len(roots)) % 2, kind="stable")[::-1]]:
+                near = search.loops(int(root), reach)
                 if near and near[0].length < loop.length - 1e-9:
-                    loop = near[0]
-            if loop.length >= before - 1e-9:
-                break
+                    loop, improved = near[0], True
+                    break
         if best is None or loop.length < best.length:
             best = loop
     return None if best is None else best.points
@@ -261,7 +265,7 @@ def _cut(surface: Surface, loop: IntArray, handle: Handle) -> Surface:
     rims = len(surface.boundary_loops)
     on_loop = np.zeros(len(surface.points), bool)
     on_loop[loop] = True
-    keep = ~on_loop[surface.triangles].any(axis=1)
+    keep = np.logical_not(on_loop[surface.triangles].any(axis=1))
     # Without the triangles along the loop the two covers stand apart. Where the handle is too short for that (what
     # is left falls apart, or rims touch), it is cut along the edges.
     for attempt in (lambda: surface.submesh(keep)[0], lambda: _parted(surface, loop)):
