@@ -35,6 +35,7 @@ LIMIT = 8.0
 """A bridge or tunnel wider than this is no artefact, mm: it is as wide as a small pulmonary vein."""
 
 _ROOTS = 8
+_BESIDE = 16
 _LOOPS = 4
 
 
@@ -223,7 +224,23 @@ def _shortest_loop(search: _Search) -> IntArray | None:
                     break
         if best is None or loop.length < best.length:
             best = loop
-    return None if best is None else best.points
+    return None if best is None else _tightened(search, best).points
+
+
+def _tightened(search: _Search, loop: _Loop) -> _Loop:
+    """Move a loop along its tube to a narrower place: loops from points beside it, while they get shorter."""
+    longest = float(search.surface.edge_lengths.max())
+    improved = True
+    while improved:
+        improved = False
+        distance = dijkstra(search.graph, indices=loop.points[0], limit=0.4 * loop.length + 2.0 * longest)
+        beside = np.setdiff1d(np.flatnonzero(np.isfinite(distance)), loop.points)
+        for root in beside[:: max(1, len(beside) // _BESIDE)]:
+            near = search.loops(int(root), 0.75 * loop.length + 2.0 * longest)
+            if near and near[0].length < loop.length - 1e-9:
+                loop, improved = near[0], True
+                break
+    return loop
 
 
 def _describe(surface: Surface, closed: Surface, loop: IntArray) -> Handle:
