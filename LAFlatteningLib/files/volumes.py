@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import math
 import re
 import struct
 import zlib
@@ -145,19 +146,25 @@ def _nifti_states_spacing(path: Path) -> bool:
     packed = path.name.lower().endswith(".gz")
     with gzip.open(path) if packed else path.open("rb") as file:
         head = file.read(540)
-        # The NIfTI library takes what is missing at the end of a packed file for zeros; gzip finds it out.
-        while packed and file.read(1 << 20):
-            pass
+        # The NIfTI library takes what is missing at the end for zeros, so count what is there.
+        found = len(head)
+        while part := file.read(1 << 20):
+            found += len(part)
     for order in "<>":
-        size = struct.unpack(order + "i", head[:4])[0]
+        size = struct.unpack_from(order + "i", head)[0]
         if size == 348:
-            pixdim = struct.unpack_from(order + "8f", head, 76)
+            dim, bits = struct.unpack_from(order + "8h", head, 40), struct.unpack_from(order + "h", head, 72)[0]
+            pixdim, start = struct.unpack_from(order + "8f", head, 76), struct.unpack_from(order + "f", head, 108)[0]
             break
         if size == 540:
-            pixdim = struct.unpack_from(order + "8d", head, 104)
+            dim, bits = struct.unpack_from(order + "8q", head, 16), struct.unpack_from(order + "h", head, 14)[0]
+            pixdim, start = struct.unpack_from(order + "8d", head, 104), struct.unpack_from(order + "q", head, 168)[0]
             break
     else:
         raise unreadable(path, "it is not a NIfTI file")
+    wanted = start + math.prod(dim[1 : 1 + max(0, min(dim[0], 7))]) * bits / 8
+    if found < wanted:
+        raise unreadable(path, f"it is cut off: {found} bytes, expected {wanted:.0f}")
     return all(np.isfinite(value) and value != 0.0 for value in pixdim[1:4])
 
 
