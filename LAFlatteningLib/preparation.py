@@ -11,6 +11,8 @@ import numpy as np
 from ._version import __version__
 from .anatomy import LEFT_ATRIUM, Anatomy
 from .cavity.clipping import CutPlane
+from .cavity.handles import Handle, remove_handles
+from .cavity.healing import heal_surface
 from .cavity.opening_up import open_up
 from .cavity.openings import check_surface
 from .cavity.plan import KEEP_MM, CutPlan, PlannedOpening, plan_cuts
@@ -25,6 +27,10 @@ DEFAULT_POINTS = 20_000
 """Points that another surface is given."""
 
 
+WIDEST_HANDLE_MM = 12.0
+"""A pulmonary vein or the appendage is hardly wider where it touches another; what is wider is no artefact."""
+
+
 @dataclass(frozen=True)
 class PrepareSettings:
     """How an atrium is prepared.
@@ -37,6 +43,7 @@ class PrepareSettings:
     whole_triangles : leave triangles whole at the rims.
     extra_veins : "cover" or "keep", see `cavity.plan.plan_cuts`.
     ignore_axes : the coordinates are not the patient's axes.
+    widest_handle_mm : a wider bridge between veins, or tunnel, is not cut by itself.
     """
 
     points: int | None = None
@@ -45,6 +52,7 @@ class PrepareSettings:
     whole_triangles: bool = False
     extra_veins: str = "cover"
     ignore_axes: bool = False
+    widest_handle_mm: float = WIDEST_HANDLE_MM
 
 
 @dataclass(eq=False)
@@ -59,6 +67,7 @@ class Preparation:
     cavity : open at all openings.
     rims : opening -> its rim in the cavity.
     seeds : seed -> (3,) mm.
+    handles : what was cut so that the surface has no handle.
     repairs : what was mended, in words.
     seconds : by step.
     """
@@ -69,6 +78,7 @@ class Preparation:
     cavity: Surface | None = None
     rims: Mapping[str, IntArray] = field(default_factory=dict)
     seeds: Mapping[str, FloatArray] = field(default_factory=dict)
+    handles: tuple[Handle, ...] = ()
     repairs: list[str] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
 
@@ -85,6 +95,9 @@ class Preparation:
             "space": self.raw.space,
             "input": _sizes(self.raw),
             "repairs": list(self.repairs),
+            "handles": [
+                {"place_mm": h.place_mm.tolist(), "width_mm": h.width_mm, "kind": h.kind} for h in self.handles
+            ],
             "notes": list(self.plan.notes) if self.plan else [],
             "seconds": dict(self.seconds),
         }
@@ -140,10 +153,16 @@ def prepare(
     result.seconds = watch.seconds
     with watch.stage("clean"):
         report(progress, 0.0, "Checking the surface")
-        cleaned, notes = check_surface(surface)
+        healed, healing = heal_surface(surface)
+        result.repairs += healing
+        result.surface, notes = check_surface(healed, handles_allowed=True)
         result.repairs += notes
     with watch.stage("remesh"):
-        result.surface = _remeshed(cleaned, settings.points, part(progress, 0.1, 0.4))
+        result.surface = _remeshed(result.surface, settings.points, part(progress, 0.05, 0.3))
+    with watch.stage("handles"):
+        result.surface, result.handles = remove_handles(
+            result.surface, settings.widest_handle_mm, part(progress, 0.3, 0.4)
+        )
     with watch.stage("plan"):
         result.plan = plan_cuts(
             result.surface,
@@ -158,6 +177,7 @@ def prepare(
             extra_veins=settings.extra_veins,
             progress=part(progress, 0.4, 0.8),
         )
+    result.repairs += [_handle_in_words(handle, result.plan, anatomy) for handle in result.handles]
     apply_plan(result, settings, anatomy, part(progress, 0.8, 1.0), watch)
     watch.stop()
     return result
@@ -186,6 +206,23 @@ def _remeshed(surface: Surface, points: int | None, progress: ProgressCallback |
     if points == 0 or (points is None and EVEN_POINTS[0] <= len(surface.points) <= EVEN_POINTS[1]):
         return surface
     return remesh(surface, points or DEFAULT_POINTS, progress=progress).surface
+
+
+def _handle_in_words(handle: Handle, plan: CutPlan, anatomy: Anatomy) -> str:
+    """A handle that was cut, and the two structures next to it."""
+
+    def distance(hole: str) -> float:
+        opening = plan.openings[hole]
+        begin = opening.plane.centre
+        end = begin if opening.tip is None else opening.tip
+        along = np.clip(
+            (handle.place_mm - begin) @ (end - begin) / max(float((end - begin) @ (end - begin)), 1e-9), 0, 1
+        )
+        return float(np.linalg.norm(begin + along * (end - begin) - handle.place_mm))
+
+    first, second = sorted(anatomy.holes, key=distance)[:2]
+    verb = "Cut" if handle.kind == "bridge" else "Filled"
+    return f"{verb} a {handle}, between {first} and {second}."
 
 
 def _sizes(surface: Surface) -> dict[str, Any]:

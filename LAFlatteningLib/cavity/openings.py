@@ -91,8 +91,12 @@ def describe_loops(surface: Surface, loops: list[IntArray]) -> str:
     )
 
 
-def check_surface(surface: Surface) -> tuple[Surface, list[str]]:
+def check_surface(surface: Surface, handles_allowed: bool = False) -> tuple[Surface, list[str]]:
     """Check that a surface is one connected, orientable manifold without handles, of plausible size.
+
+    Parameters
+    ----------
+    handles_allowed : let handles pass, because they will be cut (`handles.remove_handles`).
 
     Returns
     -------
@@ -147,7 +151,7 @@ def check_surface(surface: Surface) -> tuple[Surface, list[str]]:
     if not surface.is_oriented:
         surface = surface.with_triangles(topology.orient(surface.triangles, surface.edges))
         notes.append("Triangles were not all turned the same way; they were made consistent.")
-    if surface.genus > 0:
+    if surface.genus > 0 and not handles_allowed:
         raise SurfaceError(
             f"The surface has {surface.genus} handle{'s' if surface.genus > 1 else ''} (like the handle of a cup), "
             "usually veins or the appendage touching each other; expected none. Separate them in the segmentation "

@@ -136,13 +136,16 @@ def find_ostium(surface: Surface, lumen: Lumen, tip: FloatArray, neck: bool = Fa
     filled = np.interp(np.arange(len(diameters)), known, diameters[known])
     envelope = np.minimum.accumulate(filled[::-1])[::-1]
     begin = _rounding(lumen, line)
-    starts = _starts(envelope, begin, WIDEST_APPENDAGE_MM if neck else WIDEST_VEIN_MM)
+    widest = WIDEST_APPENDAGE_MM if neck else WIDEST_VEIN_MM
+    starts = _starts(envelope, begin, widest)
     at = starts[-1] if starts else begin
     found = bool(starts)
     if neck:
         wider = _beyond_neck(filled, begin, at)
         if wider is not None:
             at, found = wider, True
+    while at > begin and filled[at] > widest:
+        at -= 1
     return Ostium(line, STEP_MM * at, STEP_MM * begin, diameters, found)
 
 

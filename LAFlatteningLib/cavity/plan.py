@@ -19,7 +19,7 @@ from .mitral import mitral_plane
 from .openings import describe_loops
 from .ostia import STEP_MM, WIDEST_VEIN_MM, Ostium, find_ostium
 from .recognition import Recognition, recognise
-from .sections import plane_section
+from .sections import Section, plane_section
 from .tips import Tip, find_tips
 
 KEEP_MM = 3.0
@@ -193,6 +193,15 @@ class _Planner:
             return False
         return bool(stump.max() <= TUBE_SPREAD * stump.min())
 
+    def _takes(self, section: Section, other: _Candidate) -> bool:
+        """Whether a cut would take another vein with it, or a part of its tube."""
+        line = other.ostium.line.points
+        if section.encloses(line):
+            # The way of another vein into the body passes here only if that vein is beyond.
+            return True
+        tube = line[: round(other.ostium.at_mm / STEP_MM) + 1]
+        return section.cuts_into(tube, self.lumen.depth_at(tube))
+
     def parted(self, named: dict[str, _Candidate]) -> dict[str, _Candidate]:
         """The same, with ostia moved out where two veins have one in common, to where they part."""
         result = dict(named)
@@ -209,8 +218,7 @@ class _Planner:
                 section = plane_section(self.closed, centre, normal)
                 if section is None or not section.around:
                     break
-                # The way of another vein into the body passes here only if that vein is beyond.
-                inside = {other for other, c in others.items() if section.encloses(c.ostium.line.points)}
+                inside = {other for other, c in others.items() if self._takes(section, c)}
                 if not inside and (not shared or section.diameter <= WIDEST_VEIN_MM):
                     break
                 shared |= inside
@@ -223,7 +231,7 @@ class _Planner:
                     )
                 self.notes.append(
                     f"{hole} is one trunk with {' and '.join(sorted(shared))} at its ostium; it is cut where it leaves "
-                    f"it, {ostium.at_mm - at:.0f} mm farther out. The map shows the trunk between them instead of a carina."
+                    f"it, {ostium.at_mm - at:.0f} mm farther out. The map shows the trunk between them, not a carina."
                 )
                 result[hole] = replace(candidate, ostium=replace(ostium, at_mm=at))
         return result
@@ -414,9 +422,24 @@ def _valve(
         outwards = loop.mean(axis=0) - np.mean(veins, axis=0)
         return PlannedOpening(loop_plane(loop, outwards), "open", planner.surface.loop_length(planner.loops[valve]))
     body = planner.surface
+    done: list[str] = []
     for hole in anatomy.holes:
-        if openings[hole].found_by != "open":
+        if openings[hole].found_by == "open":
+            continue
+        try:
             body = clip(body, openings[hole].plane, hole)
+        except SurfaceError as error:
+            if not done or openings[hole].found_by == "given":
+                raise
+            nearest = min(
+                done,
+                key=lambda other: float(np.linalg.norm(openings[other].plane.centre - openings[hole].plane.centre)),
+            )
+            raise SurfaceError(
+                f"{hole} and {nearest} cannot be cut apart: they are one trunk nearly up to their tips. Expected two "
+                "veins that part well before their ends. Segment them farther out, or give their planes (--planes)."
+            ) from error
+        done.append(hole)
     found = mitral_plane(body, veins)
     planner.notes += found.notes
     return PlannedOpening(found.plane, found.found_by, found.perimeter_mm)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components, depth_first_order
 from scipy.spatial import ConvexHull, QhullError
@@ -72,13 +73,19 @@ class Section:
         side = (line - self.points[0]) @ self.normal
         k = np.flatnonzero((side[:-1] > 0.0) != (side[1:] > 0.0))
         share = side[k] / (side[k] - side[k + 1])
+        return bool(self._within(line[k] + share[:, None] * (line[k + 1] - line[k])).any())
+
+    def cuts_into(self, line: FloatArray, radii: FloatArray) -> bool:
+        """Whether the area within the curve cuts into a tube along a line (k, 3), mm, with radii (k,)."""
+        close = np.abs((line - self.points[0]) @ self.normal) < radii
+        return bool(self._within(line[close]).any())
+
+    def _within(self, places: FloatArray) -> NDArray[np.bool_]:
+        """(k,) whether places (k, 3), dropped into the plane, are within the curve."""
         first, second = plane_axes(self.normal)
-        axes = np.stack([first, second], axis=1)
-        for place in line[k] + share[:, None] * (line[k + 1] - line[k]):
-            seen = _complex(self._flat - (place - self.points[0]) @ axes)
-            if abs(np.angle(np.roll(seen, -1) * np.conj(seen)).sum()) > np.pi:
-                return True
-        return False
+        flat = (places - self.points[0]) @ np.stack([first, second], axis=1)
+        seen = _complex(self._flat)[None, :] - _complex(flat)[:, None]
+        return np.abs(np.angle(np.roll(seen, -1, axis=1) * np.conj(seen)).sum(axis=1)) > np.pi
 
 
 def plane_axes(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
