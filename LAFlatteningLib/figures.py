@@ -81,7 +81,7 @@ def draw_figure(flat_map: FlatMap, path: Path | str, *, array: str | None = None
     InputFileError : another file type, or the file cannot be written.
     LAFlatteningError : no such array, or not a scalar one.
     """
-    _save(path, lambda: make_figure(flat_map, array=array, title=title))
+    save_figure(path, lambda: make_figure(flat_map, array=array, title=title))
 
 
 def draw_distortion(flat_map: FlatMap, path: Path | str) -> None:
@@ -89,7 +89,7 @@ def draw_distortion(flat_map: FlatMap, path: Path | str) -> None:
 
     Parameters and errors as for `draw_figure`. Definitions: `LAFlatteningLib.distortion`.
     """
-    _save(path, lambda: make_distortion_figure(flat_map))
+    save_figure(path, lambda: make_distortion_figure(flat_map))
 
 
 def make_figure(flat_map: FlatMap, *, array: str | None = None, title: str | None = None) -> Figure:
@@ -413,7 +413,8 @@ def check_figure_path(path: Path | str) -> None:
     _require_matplotlib()
 
 
-def _save(path: Path | str, make: Callable[[], Figure]) -> None:
+def save_figure(path: Path | str, make: Callable[[], Figure]) -> None:
+    """Write the figure that a function makes: all of the file, or nothing; errors as for `check_figure_path`."""
     path = Path(path)
     check_figure_path(path)
     from matplotlib.backends.backend_agg import FigureCanvasAgg

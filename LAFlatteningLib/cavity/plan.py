@@ -336,6 +336,7 @@ def _from_tips(planner: _Planner, tips: Mapping[str, FloatArray], valve: int | N
     """Candidates at the tips that the user marked."""
     middles = {k: planner.surface.points[loop].mean(axis=0) for k, loop in enumerate(planner.loops) if k != valve}
     tree = cKDTree(planner.closed.points)
+    tubes = planner.candidates(FAINT_RISE_MM, valve)
     named: dict[str, _Candidate] = {}
     for hole in planner.anatomy.holes:
         if hole not in tips:
@@ -348,7 +349,7 @@ def _from_tips(planner: _Planner, tips: Mapping[str, FloatArray], valve: int | N
                 f"{TIP_TO_SURFACE_MM:g} mm off. Check that tips and surface have the same axes and units.",
                 (hole,),
             )
-        tip = planner.closed.points[point]
+        tip = _end_of_tube(planner, tubes, position, planner.closed.points[point])
         for other, c in named.items():
             if np.linalg.norm(c.tip - tip) < OWN_OPENING_MM:
                 raise SeedError(
@@ -368,6 +369,17 @@ def _from_tips(planner: _Planner, tips: Mapping[str, FloatArray], valve: int | N
             tip = middles[rim]
         named[hole] = _Candidate(tip, np.inf, find_ostium(planner.closed, planner.lumen, tip), rim)
     return named
+
+
+def _end_of_tube(planner: _Planner, tubes: Sequence[_Candidate], marked: FloatArray, nearest: FloatArray) -> FloatArray:
+    """The end of the tube that a place is on, so that it does not matter where on its end the user marked it."""
+    ends = []
+    for tube in tubes:
+        line = tube.ostium.line.points[: round(tube.ostium.at_mm / STEP_MM) + 1]
+        outside = np.linalg.norm(line - marked, axis=1) - planner.lumen.depth_at(line)
+        if tube.rim is None and tube.ostium.found and outside.min() <= OWN_OPENING_MM:
+            ends.append(tube.tip)
+    return min(ends, key=lambda end: float(np.linalg.norm(end - marked)), default=nearest)
 
 
 def _by_rule(planner: _Planner, valve: int | None) -> tuple[dict[str, _Candidate], Recognition, list[_Candidate]]:

@@ -176,6 +176,8 @@ _STATES_SPACING: dict[str, Callable[[Path], bool]] = {
     ".mha": _meta_image_states_spacing,
     ".mhd": _meta_image_states_spacing,
 }
+VOLUME_SUFFIXES = tuple(_STATES_SPACING)
+"""Extensions of the files that `read_volume` reads."""
 _NIFTI = "pixdim 1 to 3 of its header above 0"
 _NRRD = 'a field "space directions" or "spacings" in its header'
 _META = 'a line "ElementSpacing = x y z" in its header'
