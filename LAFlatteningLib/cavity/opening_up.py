@@ -14,6 +14,9 @@ from .covers import HOLE_ARRAY, close_rims
 from .openings import describe_loops
 from .plan import CutPlan, PlannedOpening
 
+SAME_RIM_MM = 0.5
+"""A rim whose mean point is this near to that of a planned one is that one."""
+
 
 def open_up(
     surface: Surface, plan: CutPlan, whole_triangles: bool = False, progress: ProgressCallback | None = None
@@ -36,8 +39,6 @@ def open_up(
     Cancelled : by `progress`.
     """
     result = surface
-    for centre in plan.to_cover:
-        result = _covered(result, centre)
     for opening in plan.extra:
         result = _covered(clip(result, opening.plane, "the extra vein"), opening.plane.centre)
     cut = {name: opening for name, opening in plan.openings.items() if opening.found_by != "open"}
@@ -52,6 +53,12 @@ def open_up(
             raise SurfaceError(
                 f"{error} {', '.join(done)} were cut before: their planes may run into this one."
             ) from error
+    for centre in plan.to_cover:
+        # One that was cut off with a vein needs no cover.
+        if any(
+            np.linalg.norm(result.points[loop].mean(axis=0) - centre) < SAME_RIM_MM for loop in result.boundary_loops
+        ):
+            result = _covered(result, centre)
     return result, _named_rims(result, plan)
 
 

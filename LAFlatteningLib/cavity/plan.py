@@ -18,7 +18,7 @@ from .lumen import Lumen
 from .mitral import mitral_plane
 from .openings import describe_loops
 from .ostia import STEP_MM, WIDEST_VEIN_MM, Ostium, find_ostium
-from .recognition import Recognition, recognise
+from .recognition import Recognition, VeinsMissingError, recognise
 from .sections import Section, plane_section
 from .tips import Tip, find_tips
 
@@ -108,6 +108,8 @@ class _Planner:
     lumen: Lumen = field(init=False)
     loops: list[IntArray] = field(init=False)
     notes: list[str] = field(default_factory=list)
+    faint: tuple[str, ...] = ()
+    """Holes whose tips hardly stand out."""
 
     def __post_init__(self) -> None:
         self.loops = self.surface.boundary_loops
@@ -271,7 +273,7 @@ def plan_cuts(
     report(progress, 0.0, "Looking into the atrium")
     planner = _Planner(surface, anatomy, keep, None if ignore_axes else surface.space)
     valve = planner.valve_rim()
-    report(progress, 0.3, "Finding veins")
+    report(progress, 0.2, "Finding veins")
     recognition = None
     candidates: list[_Candidate] = []
     if tips is not None:
@@ -280,22 +282,23 @@ def plan_cuts(
         named = {}
     else:
         named, recognition, candidates = _by_rule(planner, valve)
-    named = planner.parted(
-        {
-            hole: replace(c, ostium=find_ostium(planner.closed, planner.lumen, c.tip, neck=True))
-            if hole in anatomy.appendages and c.rim is None
-            else c
-            for hole, c in named.items()
-        }
-    )
-    openings = {}
-    for hole in anatomy.holes:
-        openings[hole] = _given(planner, planes[hole]) if hole in planes else planner.opening(hole, named[hole])
-    if recognition is None and not ignore_axes:
-        check_directions({hole: openings[hole].plane.centre for hole in anatomy.holes}, surface.space, anatomy)
-    report(progress, 0.7, "Finding the valve")
-    openings[anatomy.outer] = _valve(planner, openings, planes, valve)
-    used = {c.rim for c in named.values() if c.rim is not None} | {valve}
+    try:
+        named, openings = _openings(planner, named, planes, valve, ignore_axes or recognition is not None)
+    except SurfaceError as error:
+        if not planner.faint:
+            raise
+        raise VeinsMissingError(
+            f"{' and '.join(planner.faint)} {'was' if len(planner.faint) == 1 else 'were'} not found: hardly anything "
+            f"stands out there, and no cut fits ({error}) Expected four pulmonary veins and an appendage; a common "
+            "trunk must have two branches of some length. Mark the tip of each vein (--tips), give planes (--planes), "
+            "or segment the veins farther out."
+        ) from error
+    open_at = [opening.plane.centre for opening in openings.values() if opening.found_by == "open"]
+    used = {valve} | {
+        int(np.argmin([np.linalg.norm(surface.points[loop].mean(axis=0) - centre) for loop in planner.loops]))
+        for centre in open_at
+    }
+    used |= {c.rim for c in named.values() if c.rim is not None}
     to_cover = [surface.points[loop].mean(axis=0) for k, loop in enumerate(planner.loops) if k not in used]
     if to_cover:
         closed = [planner.loops[k] for k in range(len(planner.loops)) if k not in used]
@@ -306,6 +309,32 @@ def plan_cuts(
     extra = _extra_veins(planner, named, openings, candidates, extra_veins)
     notes = [*(recognition.notes if recognition else ()), *planner.notes]
     return CutPlan(openings, extra, to_cover, recognition, notes)
+
+
+def _openings(
+    planner: _Planner,
+    named: Mapping[str, _Candidate],
+    planes: Mapping[str, CutPlane],
+    valve: int | None,
+    directions_known: bool,
+) -> tuple[dict[str, _Candidate], dict[str, PlannedOpening]]:
+    """The candidates with their final ostia, and the openings that they become."""
+    anatomy = planner.anatomy
+    with_necks = {
+        hole: replace(c, ostium=find_ostium(planner.closed, planner.lumen, c.tip, neck=True))
+        if hole in anatomy.appendages and c.rim is None
+        else c
+        for hole, c in named.items()
+    }
+    final = planner.parted(with_necks)
+    openings = {
+        hole: _given(planner, planes[hole]) if hole in planes else planner.opening(hole, final[hole])
+        for hole in anatomy.holes
+    }
+    if not directions_known:
+        check_directions({hole: openings[hole].plane.centre for hole in anatomy.holes}, planner.surface.space, anatomy)
+    openings[anatomy.outer] = _valve(planner, openings, planes, valve)
+    return final, openings
 
 
 def loop_plane(loop: FloatArray, outwards: FloatArray) -> CutPlane:
@@ -387,16 +416,12 @@ def _by_rule(planner: _Planner, valve: int | None) -> tuple[dict[str, _Candidate
     candidates = planner.candidates(EXTRA_RISE_MM, valve)
     try:
         recognition = planner.recognise(candidates)
-    except SurfaceError:
+    except VeinsMissingError as error:
         fainter = planner.candidates(FAINT_RISE_MM, valve)
-        if len(fainter) == len(candidates):
-            raise
         try:
             recognition = planner.recognise(fainter)
         except SurfaceError:
-            fainter = []
-        if not fainter:
-            raise
+            raise error from None
         candidates = fainter
         faint = [hole for hole, k in recognition.index.items() if candidates[k].rise_mm < EXTRA_RISE_MM]
         for hole in faint:
@@ -405,12 +430,16 @@ def _by_rule(planner: _Planner, valve: int | None) -> tuple[dict[str, _Candidate
                 "vein."
             )
         if faint:
+            planner.faint = tuple(faint)
             recognition = replace(recognition, confidence="low")
     return {hole: candidates[k] for hole, k in recognition.index.items()}, recognition, candidates
 
 
 def _given(planner: _Planner, plane: CutPlane) -> PlannedOpening:
-    """An opening in the plane of the user."""
+    """An opening in the plane of the user; one that is at an open rim is that rim."""
+    for loop in planner.loops:
+        if np.linalg.norm(planner.surface.points[loop].mean(axis=0) - plane.centre) < OWN_OPENING_MM:
+            return PlannedOpening(plane, "open", planner.surface.loop_length(loop))
     section = plane_section(planner.closed, plane.centre, plane.normal)
     perimeter = section.perimeter if section is not None and section.around else float("nan")
     return PlannedOpening(plane, "given", perimeter)
@@ -425,7 +454,7 @@ def _valve(
         given = _given(planner, planes[anatomy.outer])
         centres = np.array([openings[hole].plane.centre for hole in anatomy.holes])
         beyond = (centres - given.plane.centre) @ given.plane.normal
-        if (beyond > 0.0).all():
+        if given.found_by == "given" and (beyond > 0.0).all():
             return replace(given, plane=CutPlane(given.plane.centre, -given.plane.normal))
         return given
     veins = [openings[hole].plane.centre for hole in anatomy.holes if hole not in anatomy.appendages]

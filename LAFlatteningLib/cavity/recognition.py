@@ -30,6 +30,12 @@ LOW_RISE_MM = 5.0
 """A tip that rises less is a less likely vein: it adds a misfit of `LOW_RISE_MISFIT` or less."""
 LOW_RISE_MISFIT = 0.15
 
+_UNLIKE = "The veins and the appendage do not lie as in a left atrium"
+
+
+class VeinsMissingError(SurfaceError):
+    """Veins or the appendage were not found; not that they are there and mirrored or turned."""
+
 
 @dataclass(frozen=True)
 class Recognition:
@@ -69,13 +75,14 @@ def recognise(
 
     Raises
     ------
-    SurfaceError : too few candidates; mirrored; turned away from the patient axes; unlike the anatomy.
+    VeinsMissingError : too few candidates; unlike the anatomy.
+    SurfaceError : mirrored; turned away from the patient axes.
     """
     holes = anatomy.holes
     if not anatomy.layout:
         raise SurfaceError(f'The anatomy "{anatomy.name}" states no layout, so that its openings are not recognised.')
     if len(directions) < len(holes):
-        raise SurfaceError(
+        raise VeinsMissingError(
             f"Expected {len(holes)} veins and appendage ({', '.join(holes)}), found {len(directions)}. "
             "If some are short or merged, mark the tip of each (--tips), or segment them farther out."
         )
@@ -98,9 +105,12 @@ def recognise(
                 "Give the surface in patient axes, or mark the tips yourself."
             )
     if best.misfit > LIKELY_MISFIT:
-        reason = _why(layout, directions, orders, extra, best, space)
-        if reason:
-            raise SurfaceError(reason)
+        _refuse_other_axes(layout, directions, orders, extra, best, space)
+    if best.misfit > WORST_MISFIT:
+        raise VeinsMissingError(
+            f"{_UNLIKE} (misfit {best.misfit:.2f}, at most {WORST_MISFIT:g}). Expected one with four pulmonary veins "
+            "and an appendage, and no ventricle attached. If it is one, mark the tip of each vein (--tips)."
+        )
     names = {hole: int(k) for hole, k in zip(holes, best.order, strict=True)}
     notes = []
     if best.misfit > LIKELY_MISFIT:
@@ -145,36 +155,30 @@ def _fit(layout: FloatArray, directions: FloatArray, orders: IntArray, extra: Fl
     )
 
 
-def _why(
+def _refuse_other_axes(
     layout: FloatArray, directions: FloatArray, orders: IntArray, extra: FloatArray, best: _Fit, space: str | None
-) -> str | None:
-    """What to tell of a poor fit; None if it may stand because nothing explains it better."""
-    begin = "The veins and the appendage do not lie as in a left atrium"
-    if space is not None:
-        better = min(WORST_MISFIT, MIRROR_RATIO * best.misfit)
-        mirrored = _fit(_mirror(layout), directions, orders, extra, TILT_DEGREES)
-        turned = _fit(layout, directions, orders, extra, 180.0)
-        other = _fit(_mirror(layout), directions, orders, extra, 180.0)
-        if mirrored.misfit <= min(better, turned.misfit / MIRROR_RATIO):
-            return (
-                f"{begin}, but as in its mirror image. Right and left seem exchanged: check the direction matrix of "
-                "the image and the patient axes of the file."
-            )
-        swapped = _fit(layout * [-1.0, -1.0, 1.0], directions, orders, extra, TILT_DEGREES)
-        if swapped.misfit <= min(better, MIRROR_RATIO * other.misfit):
-            named = "RAS" if space == "LPS" else "LPS"
-            return (
-                f"{begin} in {space}, the axes of the file, but as in {named}. Save the file with its axes named "
-                f"(SPACE={named}), or give --ignore-axes."
-            )
-        if turned.misfit <= min(better, MIRROR_RATIO * other.misfit):
-            return (
-                f"{begin} in patient axes ({space}), but would if turned by {turned.degrees:.0f} degrees. Check the "
-                "axes of the file (LPS or RAS), or give --ignore-axes if its axes are not the patient's."
-            )
-    if best.misfit <= WORST_MISFIT:
-        return None
-    return (
-        f"{begin} (misfit {best.misfit:.2f}, at most {WORST_MISFIT:g}). Expected one with four pulmonary veins and an "
-        "appendage; mark the tip of each (--tips) if it is one."
-    )
+) -> None:
+    """Raise SurfaceError where a poor fit is explained better by a mirror image or by other axes."""
+    if space is None:
+        return
+    better = min(WORST_MISFIT, MIRROR_RATIO * best.misfit)
+    mirrored = _fit(_mirror(layout), directions, orders, extra, TILT_DEGREES)
+    turned = _fit(layout, directions, orders, extra, 180.0)
+    other = _fit(_mirror(layout), directions, orders, extra, 180.0)
+    swapped = _fit(layout * [-1.0, -1.0, 1.0], directions, orders, extra, TILT_DEGREES)
+    if mirrored.misfit <= min(better, turned.misfit / MIRROR_RATIO):
+        raise SurfaceError(
+            f"{_UNLIKE}, but as in its mirror image. Right and left seem exchanged: check the direction matrix of the "
+            "image and the patient axes of the file."
+        )
+    if swapped.misfit <= min(better, MIRROR_RATIO * other.misfit):
+        named = "RAS" if space == "LPS" else "LPS"
+        raise SurfaceError(
+            f"{_UNLIKE} in {space}, the axes of the file, but as in {named}. Save the file with its axes named "
+            f"(SPACE={named}), or give --ignore-axes."
+        )
+    if turned.misfit <= min(better, MIRROR_RATIO * other.misfit):
+        raise SurfaceError(
+            f"{_UNLIKE} in patient axes ({space}), but would if turned by {turned.degrees:.0f} degrees. Check the axes "
+            "of the file (LPS or RAS), or give --ignore-axes if its axes are not the patient's."
+        )
