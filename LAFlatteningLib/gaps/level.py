@@ -41,7 +41,7 @@ def cut_at_level(
     """
     edges = topology.edges(triangles)
     a, b = edges.points.T
-    above: NDArray[np.bool_] = np.greater_equal(values, level)
+    above = values >= level
     with np.errstate(invalid="ignore", divide="ignore"):
         share = (level - values[a]) / (values[b] - values[a])
     cut = (above[a] != above[b]) & np.isfinite(share)
@@ -50,7 +50,7 @@ def cut_at_level(
     new = np.full(len(cut), -1, np.int64)
     new[cut] = len(points) + np.arange(len(a))
     on_edge = new[edges.of_triangle]
-    known = np.isfinite(values[triangles]).all(axis=1)
+    known = np.all(np.isfinite(values[triangles]), axis=1)
     count = (on_edge >= 0).sum(axis=1)
 
     whole = count == 0

@@ -65,8 +65,7 @@ def search_areas(data: MapData, search: Search) -> list[SearchArea]:
     elif isinstance(search, Mapping):
         for name, array in search.items():
             # Values at points: the triangles whose corners are all marked.
-            marked: BoolArray = np.greater(data.point_values(array), 0.5)
-            masks[name] = marked[corners].all(axis=1)
+            masks[name] = np.all((data.point_values(array) > 0.5)[corners], axis=1)
     else:
         parts = search if isinstance(search, Parcellation) else Parcellation.load(search)
         centroids = data.flat[corners].mean(axis=1)
