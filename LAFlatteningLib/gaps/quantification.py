@@ -82,6 +82,7 @@ class Encirclement:
     in_scar : (k,) whether the way from each place to the next is within scar.
     unknown_share : share of the search area's area where the array has no value (counted as healthy).
     gap_on_border_mm : length of the path that is outside scar and on the border of the search area.
+    border_on_map : (b, 2, 2) the border of the search area, as segments.
     """
 
     area: str
@@ -96,6 +97,7 @@ class Encirclement:
     in_scar: BoolArray
     unknown_share: float
     gap_on_border_mm: float
+    border_on_map: FloatArray
 
     @property
     def rgm(self) -> float:
@@ -248,12 +250,13 @@ def find_gaps(
         rings[area.name] = tuple(found)
         if found[0].unknown_share > 0.0:
             notes.append(f"{100 * found[0].unknown_share:.1f} % of the search area {area.name} has no value.")
-        notes += [
-            f"{area.name} at {ring.threshold:g}: {ring.gap_on_border_mm:.1f} mm of its gaps lie on the border of the "
-            "search area; scar beyond it is not seen. Look at the map, and try other search areas."
-            for ring in found
-            if ring.gap_on_border_mm > BORDER_MM
-        ]
+        bordering = {ring.threshold: ring.gap_on_border_mm for ring in found if ring.gap_on_border_mm > BORDER_MM}
+        if bordering:
+            notes.append(
+                f"{area.name} at {', '.join(f'{level:g}' for level in bordering)}: up to "
+                f"{max(bordering.values()):.1f} mm of its gaps lie on the border of the search "
+                "area; scar beyond it is not seen. Look at the map, and at the veins together."
+            )
     return GapReport(
         array,
         data.surface.space,
@@ -308,6 +311,7 @@ def _encircle(
         ring.in_scar,
         float(sizes[unknown].sum() / sizes.sum()),
         float(lengths[~ring.in_scar & _on_border(data, ring, area)].sum()),
+        data.flat[area.border],
     )
 
 
