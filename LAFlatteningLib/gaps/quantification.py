@@ -213,7 +213,7 @@ def find_gaps(
     Examples
     --------
     >>> from LAFlatteningLib import flatten, make_phantom
-    >>> phantom = make_phantom(1000)
+    >>> phantom = make_phantom(3000)
     >>> found = find_gaps(flatten(phantom.surface, phantom.seeds), "scar", [0.5])
     >>> sorted(name for name, ring in found.at(0.5).items() if ring.complete)
     ['RIPV']
