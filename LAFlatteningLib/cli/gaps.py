@@ -8,12 +8,12 @@ import re
 from contextlib import ExitStack, suppress
 
 from ..errors import InputFileError
-from ..figures import check_figure_path
 from ..files import atomic_write, check_writable, read_surface
 from ..gaps import GapReport, find_gaps
 from ..gaps.figures import draw_gaps
 from ..gaps.search_areas import SEARCH_MM
 from ..map_data import MapData
+from ..page import check_figure_path
 from ..parcellation import builtin_parcellations
 from ..progress import part
 from .command import Subcommands, add_command, check_distinct

@@ -8,26 +8,26 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._version import __version__
-from ..figures import (
+from ..figures import RIM_COLOUR
+from ..flattening import FlatMap
+from ..map_data import MapData
+from ..page import (
     DOTS_PER_INCH,
     FAINT,
     INK,
-    MAP_DOTS,
     PAGE_INCHES,
-    RIM_COLOUR,
     SMALL_SIZE,
     TITLE_SIZE,
-    _add_axes,
-    _heading,
-    _line,
-    _require_matplotlib,
-    _save,
-    _show,
-    _text,
+    add_axes,
+    draw_line,
+    rasterise_map,
+    require_matplotlib,
+    save_page,
+    show_raster,
+    write_heading,
+    write_text,
 )
-from ..flattening import FlatMap
-from ..map_data import MapData
-from ..shading import NO_VALUE, FloatArray, Raster, rasterise
+from ..shading import NO_VALUE, FloatArray, Raster
 from .quantification import Encirclement, GapReport
 
 if TYPE_CHECKING:
@@ -58,12 +58,12 @@ def draw_gaps(
     MissingPackageError : matplotlib is not installed.
     InputFileError : another file type, or the file cannot be written.
     """
-    _save(path, lambda: make_gap_figure(flat_map, report, threshold=threshold))
+    save_page(path, lambda: make_gap_figure(flat_map, report, threshold=threshold))
 
 
 def make_gap_figure(flat_map: FlatMap | MapData, report: GapReport, *, threshold: float | None = None) -> Figure:
     """The page of `draw_gaps` as a matplotlib Figure, with axes "alone", "together" (where there are pairs), "RGM"."""
-    _require_matplotlib()
+    require_matplotlib()
     from matplotlib.figure import Figure
 
     data = MapData.of(flat_map)
@@ -80,29 +80,22 @@ def make_gap_figure(flat_map: FlatMap | MapData, report: GapReport, *, threshold
         f"LAFlattening {__version__}",
     ]
     figure.text(0.5, 0.16 / PAGE_INCHES[1], "  ·  ".join(facts), size=SMALL_SIZE, color=FAINT, **centred)
-    raster = _map_raster(data)
+    raster = rasterise_map(data.flat, data.triangles)
     values = data.point_values(report.array)
     alone = {name: ring for name, ring in rings.items() if len(ring.openings) == 1}
     together = {name: ring for name, ring in rings.items() if len(ring.openings) > 1}
     left = 0.35
     for label, heading, some in (("alone", "Each vein", alone), ("together", "Veins together", together)):
         if some:
-            axes = _add_axes(figure, label, (left, 3.05, 4.4, 4.4))
+            axes = add_axes(figure, label, (left, 3.05, 4.4, 4.4))
             _draw(axes, data, raster, values, level, some)
-            _heading(axes, heading, 0.05)
+            write_heading(axes, heading, 0.05)
             _table(figure, left, some)
             left += 4.6
     _legend(figure, bool(np.isnan(values).any()))
-    axes = _add_axes(figure, "RGM", (9.95, 4.9, 1.55, 2.3))
+    axes = add_axes(figure, "RGM", (9.95, 4.9, 1.55, 2.3))
     _curves(axes, report, level)
     return figure
-
-
-def _map_raster(data: MapData) -> Raster:
-    low, high = data.flat.min(axis=0), data.flat.max(axis=0)
-    pixel = float((high - low).max()) / MAP_DOTS
-    columns, rows = (int(count) for count in np.ceil((high - low) / pixel))
-    return rasterise(data.flat, data.triangles, low[0], low[1], pixel, (rows, columns))
 
 
 def _draw(
@@ -114,26 +107,26 @@ def _draw(
     at = raster.interpolate(values)
     colours = np.where((at >= level)[:, None], to_rgb(SCAR_COLOUR), to_rgb(HEALTHY_COLOUR))
     colours[np.isnan(at)] = to_rgb(NO_VALUE)
-    _show(axes, raster, colours)
+    show_raster(axes, raster, colours)
     for loop in data.surface.boundary_loops:
-        _line(axes, data.flat[np.append(loop, loop[0])], RIM_COLOUR, 1.6)
+        draw_line(axes, data.flat[np.append(loop, loop[0])], RIM_COLOUR, 1.6)
     radius, centre = data.template.radius, np.array(data.template.outer.shape.centre)
     for ring in rings.values():
         border = LineCollection(list(ring.border_on_map), colors=AREA_COLOUR, linewidths=0.7, linestyles=":")
         axes.add_collection(border)
-        _line(axes, np.append(ring.points_on_map, ring.points_on_map[:1], axis=0), PATH_COLOUR, 1.3)
+        draw_line(axes, np.append(ring.points_on_map, ring.points_on_map[:1], axis=0), PATH_COLOUR, 1.3)
     number = 1
     for name, ring in rings.items():
         middle = np.mean([data.template.holes[hole].shape.centre for hole in ring.openings], axis=0)
         for gap in ring.gaps:
-            _line(axes, gap.points_on_map, GAP_COLOUR, 2.8)
-            _text(axes, _beside(gap.place_on_map, middle, radius), str(number), SMALL_SIZE, GAP_COLOUR, halo=True)
+            draw_line(axes, gap.points_on_map, GAP_COLOUR, 2.8)
+            write_text(axes, _beside(gap.place_on_map, middle, radius), str(number), SMALL_SIZE, GAP_COLOUR, halo=True)
             number += 1
         if ring.complete:
             farthest = ring.points_on_map[np.linalg.norm(ring.points_on_map - centre, axis=1).argmax()]
-            _text(axes, _beside(farthest, middle, radius), f"{name}: complete", SMALL_SIZE, PATH_COLOUR, halo=True)
+            write_text(axes, _beside(farthest, middle, radius), f"{name}: complete", SMALL_SIZE, PATH_COLOUR, halo=True)
     for hole, rim in data.template.holes.items():
-        _text(axes, rim.shape.centre, hole, SMALL_SIZE - 1.0, weight="bold")
+        write_text(axes, rim.shape.centre, hole, SMALL_SIZE - 1.0, weight="bold")
     axes.set(xlim=centre[0] + 1.02 * radius * np.array([-1, 1]), ylim=centre[1] + 1.02 * radius * np.array([-1, 1]))
     axes.set(xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
@@ -203,4 +196,4 @@ def _curves(axes: Axes, report: GapReport, level: float) -> None:
         loc="upper center", bbox_to_anchor=(0.45, -0.22), ncols=2, frameon=False, fontsize=SMALL_SIZE - 1.0,
         labelcolor=INK, columnspacing=0.8, handlelength=1.4,
     )  # fmt: skip
-    _heading(axes, "RGM", 0.1)
+    write_heading(axes, "RGM", 0.1)
