@@ -115,6 +115,9 @@ def _draw(
         border = LineCollection(list(ring.border_on_map), colors=AREA_COLOUR, linewidths=0.7, linestyles=":")
         axes.add_collection(border)
         draw_line(axes, np.append(ring.points_on_map, ring.points_on_map[:1], axis=0), PATH_COLOUR, 1.3)
+        # Gaps too short for the list are thin.
+        ways = np.stack([ring.points_on_map, np.roll(ring.points_on_map, -1, axis=0)], axis=1)[~ring.in_scar]
+        axes.add_collection(LineCollection(list(ways), colors=GAP_COLOUR, linewidths=1.3, zorder=4.5))
     number = 1
     for name, ring in rings.items():
         middle = np.mean([data.template.holes[hole].shape.centre for hole in ring.openings], axis=0)
