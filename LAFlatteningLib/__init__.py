@@ -20,6 +20,9 @@ from .errors import (
 )
 from .files import read_seeds, read_surface, write_seeds, write_surface
 from .flattening import FlatMap, Flattener, flatten
+from .gaps import find_gaps
+from .map_data import MapData
+from .parcellation import Parcellation
 from .phantom import Phantom, make_phantom
 from .surface import Surface
 from .template import Template, builtin_templates
@@ -33,6 +36,8 @@ __all__ = [
     "FoldError",
     "InputFileError",
     "LAFlatteningError",
+    "MapData",
+    "Parcellation",
     "Phantom",
     "SeedError",
     "Surface",
@@ -41,6 +46,7 @@ __all__ = [
     "TemplateError",
     "__version__",
     "builtin_templates",
+    "find_gaps",
     "flatten",
     "make_phantom",
     "read_seeds",

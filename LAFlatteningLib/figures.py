@@ -7,7 +7,6 @@ Which colours are used, and why, is said in `LAFlatteningLib.shading`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,9 +16,28 @@ import numpy as np
 from . import distortion
 from ._version import __version__
 from .division import label_regions
-from .errors import InputFileError, LAFlatteningError
-from .files import atomic_write
 from .flattening.flat_map import FlatMap
+from .page import (
+    DOTS_PER_INCH,
+    FAINT,
+    HEADING_SIZE,
+    INK,
+    PAGE_INCHES,
+    SMALL_SIZE,
+    TEXT_SIZE,
+    TITLE_SIZE,
+    MissingPackageError,
+    add_axes,
+    check_figure_path,
+    draw_line,
+    fill_colour_bar,
+    rasterise_map,
+    require_matplotlib,
+    save_page,
+    show_raster,
+    write_heading,
+    write_text,
+)
 from .shading import (
     NO_VALUE,
     OPPOSITE,
@@ -42,25 +60,21 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FORMATS = (".png", ".pdf", ".svg")
-PAGE_INCHES = (11.7, 8.3)
-"""A4, landscape."""
-DOTS_PER_INCH = 200
 VIEW_DOTS_PER_INCH = 400
 """Of the atrium before it is scaled down to the page, which smooths its outline."""
-MAP_DOTS = 1200
-TITLE_SIZE, HEADING_SIZE, TEXT_SIZE, SMALL_SIZE = 14.0, 11.0, 9.0, 8.0
-"""Font sizes, points on the saved page."""
-
-INK, FAINT = "#1a1a1a", "#5f5f5f"
 INSIDE = (0.36, 0.36, 0.38)
 """The inner side of the wall, seen through an opening."""
 BORDER_COLOUR, RIM_COLOUR, SEED_COLOUR, FOLD_COLOUR = "#111111", "#00b8a9", "#ffffff", "#d40000"
 
 
-class MissingPackageError(LAFlatteningError):
-    """A figure was asked for and matplotlib is not installed."""
-
+__all__ = [
+    "MissingPackageError",
+    "check_figure_path",
+    "draw_distortion",
+    "draw_figure",
+    "make_distortion_figure",
+    "make_figure",
+]
 
 # ---- what is called --------------------------------------------------------------------------------------------------
 
@@ -81,7 +95,7 @@ def draw_figure(flat_map: FlatMap, path: Path | str, *, array: str | None = None
     InputFileError : another file type, or the file cannot be written.
     LAFlatteningError : no such array, or not a scalar one.
     """
-    save_figure(path, lambda: make_figure(flat_map, array=array, title=title))
+    save_page(path, lambda: make_figure(flat_map, array=array, title=title))
 
 
 def draw_distortion(flat_map: FlatMap, path: Path | str) -> None:
@@ -89,7 +103,7 @@ def draw_distortion(flat_map: FlatMap, path: Path | str) -> None:
 
     Parameters and errors as for `draw_figure`. Definitions: `LAFlatteningLib.distortion`.
     """
-    save_figure(path, lambda: make_distortion_figure(flat_map))
+    save_page(path, lambda: make_distortion_figure(flat_map))
 
 
 def make_figure(flat_map: FlatMap, *, array: str | None = None, title: str | None = None) -> Figure:
@@ -97,7 +111,7 @@ def make_figure(flat_map: FlatMap, *, array: str | None = None, title: str | Non
 
     Its axes are labelled "posterior", "anterior" (data coordinates: mm), "map" (map units) and "colours".
     """
-    _require_matplotlib()
+    require_matplotlib()
     anatomy, surface = flat_map.template.anatomy, flat_map.surface
     array = default_array(surface) if array is None else array
     # Regions end at the paths, which cross triangles; arrays belong to the points of the cavity.
@@ -111,18 +125,18 @@ def make_figure(flat_map: FlatMap, *, array: str | None = None, title: str | Non
     # Both views at one scale, with room for the names round the atrium.
     mm_per_inch = max(float((np.ptp(frame, axis=0) / (size - (0.95, 0.55))).max()) for frame in frames)
     for view, frame, bottom in zip(views, frames, (4.15, 0.5), strict=True):
-        axes = _add_axes(figure, view.name, (0.2, bottom, *size))
+        axes = add_axes(figure, view.name, (0.2, bottom, *size))
         low = 0.5 * (frame.min(axis=0) + frame.max(axis=0)) - 0.5 * mm_per_inch * size
         columns, rows = (int(count) for count in np.round(size * VIEW_DOTS_PER_INCH))
         pixel = mm_per_inch / VIEW_DOTS_PER_INCH
         projected = view.project(mesh.surface.points)
         raster = rasterise(projected, mesh.surface.triangles, low[0], low[1], pixel, (rows, columns))
         _draw_view(axes, flat_map, mesh, paint, view, raster, mm_per_inch)
-    axes = _add_axes(figure, "map", (4.6, 1.3, 5.75, 5.75))
-    _draw_map(axes, flat_map, mesh, paint, _map_raster(mesh))
-    _heading(axes, f"Map, seen from outside (outer rim: {anatomy.openings[anatomy.outer]})", 0.45)
+    axes = add_axes(figure, "map", (4.6, 1.3, 5.75, 5.75))
+    _draw_map(axes, flat_map, mesh, paint, rasterise_map(mesh.flat, mesh.surface.triangles))
+    write_heading(axes, f"Map, seen from outside (outer rim: {anatomy.openings[anatomy.outer]})", 0.45)
     _legend(axes, paint)
-    _colour_bar(_add_axes(figure, "colours", (10.5, 1.75, 0.17, 4.7)), paint, "vertical")
+    fill_colour_bar(add_axes(figure, "colours", (10.5, 1.75, 0.17, 4.7)), paint, "vertical")
     names = [f"R{number} {name}" for number, name in sorted(anatomy.region_names.items())]
     if paint.extend != "neither":
         names.append("pointed ends of the colour bar: values beyond it")
@@ -139,7 +153,7 @@ def make_distortion_figure(flat_map: FlatMap) -> Figure:
     Its axes are labelled "alpha", "beta" (map units), "alpha colours", "beta colours", "alpha histogram" and
     "beta histogram".
     """
-    _require_matplotlib()
+    require_matplotlib()
     from matplotlib import colormaps
     from matplotlib.colors import LogNorm, Normalize
 
@@ -164,16 +178,16 @@ def make_distortion_figure(flat_map: FlatMap) -> Figure:
     beta_heading = "Isotropy β: smallest over largest stretch"
     beta_numbers = f"median {b['median']:.2f}, mean {b['mean']:.2f}, 5 %: {b['p5']:.2f}"
     alpha_bins, beta_bins = 2.0 ** np.linspace(-octaves, octaves, 49), np.linspace(0.0, 1.0, 49)
-    raster = _map_raster(drawn)
+    raster = rasterise_map(drawn.flat, drawn.surface.triangles)
     for left, name, heading, paint, bins, numbers in (
         (0.95, "alpha", alpha_heading, alpha_paint, alpha_bins, alpha_numbers),
         (6.75, "beta", beta_heading, beta_paint, beta_bins, beta_numbers),
     ):
-        axes = _add_axes(figure, name, (left, 2.95, 4.3, 4.3))
+        axes = add_axes(figure, name, (left, 2.95, 4.3, 4.3))
         _draw_map(axes, flat_map, drawn, paint, raster)
-        _heading(axes, heading, 0.2)
-        _colour_bar(_add_axes(figure, f"{name} colours", (left, 0.98, 4.3, 0.12)), paint, "horizontal")
-        _histogram(_add_axes(figure, f"{name} histogram", (left, 1.15, 4.3, 0.95)), paint, bins, numbers)
+        write_heading(axes, heading, 0.2)
+        fill_colour_bar(add_axes(figure, f"{name} colours", (left, 0.98, 4.3, 0.12)), paint, "horizontal")
+        _histogram(add_axes(figure, f"{name} histogram", (left, 1.15, 4.3, 0.95)), paint, bins, numbers)
     return figure
 
 
@@ -209,12 +223,12 @@ def _draw_view(
     line_points = view.project(division.surface.points)
     line_normals = view.project(division.surface.point_normals)
     colours = np.where(raster.front[:, None], paint.rgb(raster), INSIDE)
-    _show(axes, raster, shade(raster, colours, raster.interpolate(normals)))
+    show_raster(axes, raster, shade(raster, colours, raster.interpolate(normals)))
     left, right, bottom, top = raster.extent
     axes.set(xlim=(left, right), ylim=(bottom, top), xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
     for ids in division.paths.values():
-        _line(axes, raster.visible_part(line_points[ids], line_normals[ids]), BORDER_COLOUR, 1.1)
+        draw_line(axes, raster.visible_part(line_points[ids], line_normals[ids]), BORDER_COLOUR, 1.1)
     marks = (
         ((0.01, 0.5), OPPOSITE[view.right]),
         ((0.99, 0.5), view.right),
@@ -229,7 +243,7 @@ def _draw_view(
     boxes += [(seed, 0.4 * small) for seed in seeds]
     for region, (place, room) in raster.inmost_places(mesh.regions, raster.front).items():
         if room > 0.13 * mm_per_inch:
-            _text(axes, place, f"R{region}", SMALL_SIZE, weight="bold", halo=True)
+            write_text(axes, place, f"R{region}", SMALL_SIZE, weight="bold", halo=True)
             boxes.append((place, small))
     for opening, loop in division.loops.items():
         rim = line_points[loop]
@@ -239,20 +253,22 @@ def _draw_view(
         # Into an opening that faces the viewer one sees its whole rim; of others, the side towards the viewer.
         closed = np.append(loop, loop[0])
         line = raster.visible_part(line_points[closed], line_normals[closed] if outward[2] < -0.2 else None)
-        _line(axes, line, RIM_COLOUR, 1.6)
+        draw_line(axes, line, RIM_COLOUR, 1.6)
         if np.isfinite(line[:, 0]).mean() > 0.4:
             half = np.array([0.035 * len(opening) + 0.04, 0.075]) * mm_per_inch
             place = _free_place(rim[:, :2], outward, half, boxes)
             boxes.append((place, half))
-            _text(axes, place, opening, TEXT_SIZE, weight="bold", halo=True)
+            write_text(axes, place, opening, TEXT_SIZE, weight="bold", halo=True)
     _seeds(axes, seeds)
     for at, direction in marks:
-        _text(axes, at, direction[0].upper(), TEXT_SIZE, FAINT, weight="bold", transform=axes.transAxes)
-    _heading(axes, f"Seen from {'behind' if view.towards == 'posterior' else 'the front'} ({view.towards} view)", 0.15)
+        write_text(axes, at, direction[0].upper(), TEXT_SIZE, FAINT, weight="bold", transform=axes.transAxes)
+    write_heading(
+        axes, f"Seen from {'behind' if view.towards == 'posterior' else 'the front'} ({view.towards} view)", 0.15
+    )
     bar = 20.0
     x, y = left + 0.1 * mm_per_inch, bottom + 0.05 * mm_per_inch
     axes.plot([x, x + bar], [y, y], color=INK, linewidth=2.0, solid_capstyle="butt")
-    _text(axes, (x + 0.5 * bar, y + 0.11 * mm_per_inch), f"{bar:g} mm", SMALL_SIZE)
+    write_text(axes, (x + 0.5 * bar, y + 0.11 * mm_per_inch), f"{bar:g} mm", SMALL_SIZE)
 
 
 def _free_place(
@@ -281,24 +297,17 @@ def _free_place(
 # ---- the map ---------------------------------------------------------------------------------------------------------
 
 
-def _map_raster(mesh: _Drawn) -> Raster:
-    low, high = mesh.flat.min(axis=0), mesh.flat.max(axis=0)
-    pixel = float((high - low).max()) / MAP_DOTS
-    columns, rows = (int(count) for count in np.ceil((high - low) / pixel))
-    return rasterise(mesh.flat, mesh.surface.triangles, low[0], low[1], pixel, (rows, columns))
-
-
 def _draw_map(axes: Axes, flat_map: FlatMap, mesh: _Drawn, paint: Paint, raster: Raster) -> None:
     """The map with its paths, rims, seeds and names; page units are map units."""
     template, division, flat = flat_map.template, flat_map.division, flat_map.solution
     anatomy, radius = template.anatomy, template.radius
-    _show(axes, raster, paint.rgb(raster))
+    show_raster(axes, raster, paint.rgb(raster))
     for ids in division.paths.values():
-        _line(axes, flat[ids], BORDER_COLOUR, 1.3)
+        draw_line(axes, flat[ids], BORDER_COLOUR, 1.3)
     for ids in division.loops.values():
-        _line(axes, flat[np.append(ids, ids[0])], RIM_COLOUR, 2.2)
+        draw_line(axes, flat[np.append(ids, ids[0])], RIM_COLOUR, 2.2)
     for region, (place, _) in raster.inmost_places(mesh.regions, raster.front).items():
-        _text(axes, place, f"R{region}", HEADING_SIZE, weight="bold", halo=True)
+        write_text(axes, place, f"R{region}", HEADING_SIZE, weight="bold", halo=True)
     for opening in anatomy.holes:
         shape, order = template.rim(opening).shape, anatomy.feet(opening)
         arcs = template.rim(opening).arcs(order)
@@ -307,7 +316,7 @@ def _draw_map(axes: Axes, flat_map: FlatMap, mesh: _Drawn, paint: Paint, raster:
         outline = shape.at(0.5 * (start + end))
         outward = (outline - shape.centre) / np.linalg.norm(outline - shape.centre)
         room = np.abs(outward) @ (0.016 * len(opening) + 0.035, 0.06) * radius
-        _text(axes, outline + room * outward, opening, TEXT_SIZE, weight="bold", halo=True)
+        write_text(axes, outline + room * outward, opening, TEXT_SIZE, weight="bold", halo=True)
         _seeds(axes, np.array([shape.centre]))
     centre = np.array(template.outer.shape.centre)
     feet = division.loops[anatomy.outer][division.feet[anatomy.outer]]
@@ -315,7 +324,7 @@ def _draw_map(axes: Axes, flat_map: FlatMap, mesh: _Drawn, paint: Paint, raster:
         place = flat[foot]
         _seeds(axes, place[None])
         outward = (place - centre) / np.linalg.norm(place - centre)
-        _text(axes, place + np.abs(outward) @ (0.085, 0.055) * radius * outward, seed, SMALL_SIZE)
+        write_text(axes, place + np.abs(outward) @ (0.085, 0.055) * radius * outward, seed, SMALL_SIZE)
     _region_words(axes, flat_map)
     _map_axes(axes, flat_map)
     folded = flat_map.folded_triangles
@@ -339,7 +348,7 @@ def _region_words(axes: Axes, flat_map: FlatMap) -> None:
             outward = (place - shape.centre) / np.linalg.norm(place - shape.centre)
             place = place + 0.05 * template.radius * outward
             turn = (np.degrees(np.arctan2(outward[1], outward[0])) + 180.0) % 180.0 - 90.0
-            _text(axes, place, name, TEXT_SIZE, rotation=turn, rotation_mode="anchor")
+            write_text(axes, place, name, TEXT_SIZE, rotation=turn, rotation_mode="anchor")
 
 
 def _map_axes(axes: Axes, flat_map: FlatMap) -> None:
@@ -381,49 +390,10 @@ def _histogram(axes: Axes, paint: Paint, edges: FloatArray, text: str) -> None:
     axes.set_ylabel("triangles (%)", size=SMALL_SIZE, color=INK)
     axes.tick_params(labelsize=SMALL_SIZE, colors=FAINT)
     axes.spines[["top", "right"]].set_visible(False)
-    _text(axes, (0.5, 1.1), text, SMALL_SIZE, transform=axes.transAxes)
+    write_text(axes, (0.5, 1.1), text, SMALL_SIZE, transform=axes.transAxes)
 
 
 # ---- the page --------------------------------------------------------------------------------------------------------
-
-
-def _require_matplotlib() -> None:
-    try:
-        import matplotlib.figure  # noqa: F401
-    except ImportError as error:
-        raise MissingPackageError(
-            'Figures need matplotlib, which is not installed: pip install "laflattening[figures]". '
-            "Without a figure, everything else works."
-        ) from error
-
-
-def check_figure_path(path: Path | str) -> None:
-    """Check that a figure of this name can be drawn here, before any other work.
-
-    Raises
-    ------
-    InputFileError : the ending is none of `FORMATS`.
-    MissingPackageError : matplotlib is not installed.
-    """
-    path = Path(path)
-    if path.suffix.lower() not in FORMATS:
-        raise InputFileError(
-            f'{path}: expected a figure file ending in {", ".join(FORMATS)}; found "{path.suffix}". Change the ending.'
-        )
-    _require_matplotlib()
-
-
-def save_figure(path: Path | str, make: Callable[[], Figure]) -> None:
-    """Write the figure that a function makes: all of the file, or nothing; errors as for `check_figure_path`."""
-    path = Path(path)
-    check_figure_path(path)
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    # The drawing is within, so that a place that cannot be written to is found at once.
-    with atomic_write(path) as temporary:
-        figure = make()
-        FigureCanvasAgg(figure)
-        figure.savefig(temporary, format=path.suffix.lower()[1:], dpi=DOTS_PER_INCH, facecolor="white")
 
 
 def _new_page(flat_map: FlatMap, title: str) -> Figure:
@@ -450,38 +420,6 @@ def _new_page(flat_map: FlatMap, title: str) -> Figure:
     return figure
 
 
-def _add_axes(figure: Figure, label: str, inches: tuple[float, ...]) -> Axes:
-    left, bottom, width, height = inches
-    page_width, page_height = PAGE_INCHES
-    axes = figure.add_axes((left / page_width, bottom / page_height, width / page_width, height / page_height))
-    axes.set_label(label)
-    axes.patch.set_visible(False)
-    axes.grid(False)
-    return axes
-
-
-def _heading(axes: Axes, text: str, inches: float) -> None:
-    """A line of text above some axes."""
-    from matplotlib.transforms import ScaledTranslation
-
-    up = ScaledTranslation(0.0, inches, axes.figure.dpi_scale_trans)
-    _text(axes, (0.5, 1.0), text, HEADING_SIZE, transform=axes.transAxes + up)
-
-
-def _colour_bar(axes: Axes, paint: Paint, orientation: str) -> None:
-    """Fill some axes with the colour bar of a paint."""
-    from matplotlib.cm import ScalarMappable
-
-    mappable = ScalarMappable(paint.norm, paint.cmap)
-    bar = axes.figure.colorbar(mappable, cax=axes, orientation=orientation, extend=paint.extend, extendfrac=0.03)
-    bar.set_label(paint.label, size=TEXT_SIZE, color=INK, parse_math=False)
-    if paint.ticks is not None:
-        bar.set_ticks([at for at, _ in paint.ticks], labels=[text for _, text in paint.ticks])
-        bar.minorticks_off()
-    axes.tick_params(labelsize=SMALL_SIZE, colors=INK, length=0 if paint.classes else 3)
-    bar.outline.set(edgecolor=FAINT, linewidth=0.6)
-
-
 def _legend(axes: Axes, paint: Paint) -> None:
     """What the lines and markers are, below the map."""
     from matplotlib.lines import Line2D
@@ -502,33 +440,5 @@ def _legend(axes: Axes, paint: Paint) -> None:
     )  # fmt: skip
 
 
-def _show(axes: Axes, raster: Raster, colours: FloatArray) -> None:
-    """Put a coloured raster into some axes, transparent where there is no surface."""
-    picture = np.full((*raster.triangle.shape, 4), 255, np.uint8)
-    picture[..., 3] *= raster.covered
-    picture[raster.covered, :3] = np.round(colours * 255.0)
-    axes.imshow(picture, extent=raster.extent, origin="lower", interpolation="hanning", aspect="equal")
-
-
-def _line(axes: Axes, line: FloatArray, colour: str, width: float) -> None:
-    """A line with a light edge, so that it stands out from any colour."""
-    for order, (stroke, wide) in enumerate([("white", width + 1.0), (colour, width)]):
-        axes.plot(
-            *line.T, color=stroke, linewidth=wide, solid_capstyle="round", solid_joinstyle="round", zorder=3 + order
-        )
-
-
 def _seeds(axes: Axes, places: FloatArray) -> None:
     axes.plot(*places.T, "o", color=SEED_COLOUR, markersize=4.2, markeredgecolor=INK, markeredgewidth=0.9, zorder=7)
-
-
-def _text(
-    axes: Axes, place: Any, text: str, size: float, colour: str = INK, halo: bool = False, **options: Any
-) -> None:
-    from matplotlib.patheffects import withStroke
-
-    options.setdefault("ha", "center")
-    options.setdefault("va", "center")
-    written = axes.text(place[0], place[1], text, size=size, color=colour, parse_math=False, zorder=8, **options)
-    if halo:
-        written.set_path_effects([withStroke(linewidth=2.4, foreground="white", alpha=0.85)])

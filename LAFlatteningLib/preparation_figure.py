@@ -9,7 +9,8 @@ import numpy as np
 
 from ._version import __version__
 from .carrying import closest_points
-from .figures import FAINT, HEADING_SIZE, INK, INSIDE, RIM_COLOUR, SMALL_SIZE, TEXT_SIZE, TITLE_SIZE, save_figure
+from .figures import INSIDE, RIM_COLOUR
+from .page import FAINT, HEADING_SIZE, INK, SMALL_SIZE, TEXT_SIZE, TITLE_SIZE, save_page
 from .preparation import Preparation
 from .shading import OPPOSITE, View, rasterise, shade, standard_view
 from .surface import Surface
@@ -38,7 +39,7 @@ def draw_preparation(preparation: Preparation, path: Path | str) -> None:
     ------
     MissingPackageError, InputFileError : as for `figures.draw_figure`.
     """
-    save_figure(path, lambda: make_preparation_figure(preparation))
+    save_page(path, lambda: make_preparation_figure(preparation))
 
 
 def make_preparation_figure(preparation: Preparation) -> Figure:
@@ -91,29 +92,12 @@ def _draw_view(axes: Axes, preparation: Preparation, surface: Surface, kept: np.
             axes.plot(shown[:, 0], shown[:, 1], color=RIM_COLOUR, linewidth=1.8)
             if seen.mean() > 0.3:
                 place = line[:, :2].mean(axis=0)
-                _label(axes, place, name)
+                write_text(axes, place, name, TEXT_SIZE, halo=True, weight="bold")
     for label, place in preparation.seeds.items():
         at = view.project(place[None])
         if raster.is_visible(at)[0]:
             axes.plot(at[0, 0], at[0, 1], "o", color="white", markeredgecolor=INK, markersize=4.5)
             if label not in preparation.rims:
-                _label(axes, at[0, :2] + 2.5, label)
+                write_text(axes, at[0, :2] + 2.5, label, TEXT_SIZE, halo=True, weight="bold")
     axes.plot([left + 4.0, left + 24.0], [bottom + 3.0] * 2, color=INK, linewidth=2.0)
     axes.text(left + 14.0, bottom + 5.0, "20 mm", size=SMALL_SIZE, color=INK, ha="center", va="bottom")
-
-
-def _label(axes: Axes, place: np.ndarray, text: str) -> None:
-    from matplotlib.patheffects import withStroke
-
-    axes.text(
-        place[0],
-        place[1],
-        text,
-        size=TEXT_SIZE,
-        weight="bold",
-        color=INK,
-        ha="center",
-        va="center",
-        path_effects=[withStroke(linewidth=2.0, foreground="white")],
-        parse_math=False,
-    )

@@ -265,27 +265,27 @@ def _check(template: Template) -> None:
     outlines = {hole: template.holes[hole].shape.outline() for hole in anatomy.holes}
     outer = template.outer.shape.outline(720)
     for hole, outline in outlines.items():
-        if not _inside(outline, outer).all():
+        if not inside_polygon(outline, outer).all():
             raise TemplateError(
                 f"holes.{hole}.shape: reaches beyond the outer rim; move it inwards or make it smaller."
             )
     for a, b in combinations(anatomy.holes, 2):
-        if _inside(outlines[a], outlines[b]).any() or _inside(outlines[b], outlines[a]).any():
+        if inside_polygon(outlines[a], outlines[b]).any() or inside_polygon(outlines[b], outlines[a]).any():
             raise TemplateError(f"holes.{a}.shape: overlaps holes.{b}.shape; move them apart or make them smaller.")
     segments = {path: template.segment(path) for path in anatomy.paths}
     for path, (start, end) in segments.items():
         inner = start + np.linspace(0.001, 0.999, 200)[:, None] * (end - start)
         for hole in anatomy.holes:
-            if _inside(inner, outlines[hole]).any():
+            if inside_polygon(inner, outlines[hole]).any():
                 raise TemplateError(f"path {path} crosses the hole {hole}; change the angles of its feet.")
-        if not _inside(inner, outer).all():
+        if not inside_polygon(inner, outer).all():
             raise TemplateError(f"path {path} leaves the map; change the angles of its feet.")
     for a, b in combinations(segments, 2):
         if _cross(segments[a], segments[b]):
             raise TemplateError(f"paths {a} and {b} cross; change the angles of their feet.")
 
 
-def _inside(points: FloatArray, polygon: FloatArray) -> NDArray[np.bool_]:
+def inside_polygon(points: FloatArray, polygon: FloatArray) -> NDArray[np.bool_]:
     """Whether points (k, 2) are inside a polygon (p, 2): crossing number."""
     x, y = points[:, :1], points[:, 1:]
     x0, y0 = polygon.T

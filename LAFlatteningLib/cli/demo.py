@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..figures import check_figure_path
 from ..files import check_writable, write_seeds, write_surface
 from ..flattening import Flattener
+from ..page import check_figure_path
 from ..phantom import make_phantom
 from ..progress import part
 from .command import Subcommands, add_command, report_map, write_map

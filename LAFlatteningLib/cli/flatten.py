@@ -7,9 +7,9 @@ from pathlib import Path
 
 from ..cavity.covers import HOLE_ARRAY
 from ..errors import InputFileError
-from ..figures import check_figure_path
 from ..files import check_writable, read_seeds, read_surface
 from ..flattening import METHODS, Flattener
+from ..page import check_figure_path
 from ..progress import part
 from ..subcontours import ROUNDINGS
 from ..template import DEFAULT_TEMPLATE, builtin_templates

@@ -23,6 +23,8 @@ USUAL_DILATATION = 20.0
 """A 99th percentile of the dilatation above this makes a note: on real atria with good seeds it is 4 to 10."""
 REGION_ARRAY = "region"
 """Cell array of a map: the number of the region."""
+POSITION_ARRAY = "position_mm"
+"""Point array of a map file: where the point is on the atrium, (n, 3) mm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,15 +155,15 @@ class FlatMap:
         }
 
     def to_surface(self) -> Surface:
-        """The map as a surface in the plane z = 0, with all arrays of the atrium, ``surface_point_id`` and
-        ``region``; seeds, template, method and version are in its field data.
+        """The map as a surface in the plane z = 0, with all arrays of the atrium, ``surface_point_id``,
+        ``position_mm`` and ``region``; seeds, template, method and version are in its field data.
         """
         labels = list(self.template.anatomy.seeds)
         on_atrium = np.array([self.seeds.positions[label] for label in labels])
         return Surface(
             np.column_stack([self.points, np.zeros(len(self.points))]),
             self.triangles,
-            self.surface.point_data,
+            {**self.surface.point_data, POSITION_ARRAY: self.surface.points},
             {**self.surface.cell_data, REGION_ARRAY: self.regions.astype(np.int32)},
             {
                 **self.surface.field_data,
@@ -178,4 +180,4 @@ class FlatMap:
         )
 
 
-__all__ = ["POINT_ID_ARRAY", "REGION_ARRAY", "FlatMap"]
+__all__ = ["POINT_ID_ARRAY", "POSITION_ARRAY", "REGION_ARRAY", "FlatMap"]

@@ -16,6 +16,7 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIOImage import vtkPNGReader
 
 from LAFlatteningLib import distortion, figures, shading
+from LAFlatteningLib import page as page_module
 from LAFlatteningLib.errors import InputFileError, LAFlatteningError
 from LAFlatteningLib.files import read_seeds, read_surface
 from LAFlatteningLib.flattening.flat_map import FlatMap
@@ -95,7 +96,7 @@ def draw(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Page]:
         with pytest.MonkeyPatch.context() as patch:
             # Where things are does not depend on how fine the pictures are.
             patch.setattr(figures, "VIEW_DOTS_PER_INCH", 60)
-            patch.setattr(figures, "MAP_DOTS", 400)
+            patch.setattr(page_module, "MAP_DOTS", 400)
             return Page(read_png(path), make(flat_map, **options))
 
     return drawn
@@ -110,8 +111,8 @@ def regions_page(flat_map: FlatMap, draw: Callable[..., Page]) -> Page:
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fewer dots, for tests that do not look at pixels."""
     monkeypatch.setattr(figures, "VIEW_DOTS_PER_INCH", 60)
-    monkeypatch.setattr(figures, "MAP_DOTS", 150)
-    monkeypatch.setattr(figures, "DOTS_PER_INCH", 40)
+    monkeypatch.setattr(page_module, "MAP_DOTS", 150)
+    monkeypatch.setattr(page_module, "DOTS_PER_INCH", 40)
 
 
 # ---- the map ---------------------------------------------------------------------------------------------------------
@@ -568,9 +569,9 @@ def test_names_with_signs_of_formulas_are_shown_as_they_are(flat_map: FlatMap, t
 
 def test_matplotlib_is_imported_late_and_pyplot_never() -> None:
     code = (
-        "import sys; from LAFlatteningLib import figures; assert 'matplotlib' not in sys.modules\n"
+        "import sys; from LAFlatteningLib import figures, page; assert 'matplotlib' not in sys.modules\n"
         "from LAFlatteningLib.phantom import make_phantom; from LAFlatteningLib.flattening.flattener import flatten\n"
-        "figures.VIEW_DOTS_PER_INCH = figures.MAP_DOTS = 50\n"
+        "figures.VIEW_DOTS_PER_INCH = page.MAP_DOTS = 50\n"
         "phantom = make_phantom(800); figures.make_figure(flatten(phantom.surface, phantom.seeds))\n"
         "assert 'matplotlib.figure' in sys.modules and 'matplotlib.pyplot' not in sys.modules\n"
     )

@@ -241,21 +241,21 @@ def test_a_flattener_gives_what_a_fresh_one_gives(phantom, phantom_map):
 
 
 def test_regions_lie_in_their_places_on_the_map(phantom_map):
-    from LAFlatteningLib.template import _inside
+    from LAFlatteningLib.template import inside_polygon
 
     centre = phantom_map.points[phantom_map.triangles].mean(axis=1)
     for region in LEFT_ATRIUM.regions:
         outline = phantom_map.template.region_outline(region, step=0.5)
         mine = phantom_map.regions == region
         # Triangles that a path cuts count for their larger part: some have their centre beyond it.
-        assert _inside(centre[mine], outline).mean() > 0.98
-        assert _inside(centre[~mine], outline).mean() < 0.02
+        assert inside_polygon(centre[mine], outline).mean() > 0.98
+        assert inside_polygon(centre[~mine], outline).mean() < 0.02
         # The pieces into which the paths cut them are all on their side.
         division, flat = phantom_map.division, phantom_map.solution
         pieces = label_regions(division, LEFT_ATRIUM) == region
         middle = flat[division.surface.triangles].mean(axis=1)
-        shrunk = _inside(middle[pieces], outline).mean()
-        assert shrunk > 0.995 and _inside(middle[~pieces], outline).mean() < 0.002
+        shrunk = inside_polygon(middle[pieces], outline).mean()
+        assert shrunk > 0.995 and inside_polygon(middle[~pieces], outline).mean() < 0.002
 
 
 def test_patient_right_is_on_the_right_of_the_map(phantom, phantom_map):

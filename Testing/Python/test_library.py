@@ -84,8 +84,8 @@ def test_every_package_and_data_file_is_packaged():
     listed = set(re.findall(r'"(LAFlatteningLib[\w.]*)"', re.search(r"packages = \[(.*?)\]", text, re.S)[1]))
     found = {".".join(path.parent.relative_to(FOLDER.parent).parts) for path in FOLDER.rglob("__init__.py")}
     assert listed == found
-    data = {path.parent.name for path in FOLDER.rglob("*.json")}
-    assert data == {"templates"}
+    data = {f"{path.parent.relative_to(FOLDER).as_posix()}/*.json" for path in FOLDER.rglob("*.json")}
+    assert data == set(re.findall(r'"([^"]*)"', re.search(r"package-data\]\s*\w+ = \[(.*?)\]", text, re.S)[1]))
 
 
 ROOT = FOLDER.parent

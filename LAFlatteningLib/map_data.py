@@ -1,0 +1,116 @@
+"""A map with its data, as analyses read it: just made, or read back from its file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from .errors import LAFlatteningError, SurfaceError, TemplateError
+from .flattening.flat_map import POSITION_ARRAY, FlatMap
+from .surface import FloatArray, IntArray, Surface
+from .template import Template, builtin_templates
+
+
+@dataclass(frozen=True, eq=False)
+class MapData:
+    """The places of an atrium's points on its map, and the data at them.
+
+    Attributes
+    ----------
+    surface : the cavity in 3D, mm, with its arrays and the triangles of the map.
+    flat : (n, 2) places of its points on the map, map units.
+    template : the layout of the map.
+    """
+
+    surface: Surface
+    flat: FloatArray
+    template: Template
+
+    @classmethod
+    def of(cls, flat_map: FlatMap | Surface | MapData, template: Template | str | Path | None = None) -> MapData:
+        """The data of a `FlatMap`, or of the surface that a map file holds.
+
+        Parameters
+        ----------
+        template : for map files only: by default the built-in one that the file names.
+
+        Raises
+        ------
+        SurfaceError : a surface that is no map, or a map file without the positions on the atrium.
+        TemplateError : the template of a map file is not known.
+        """
+        if isinstance(flat_map, MapData):
+            return flat_map
+        if isinstance(flat_map, FlatMap):
+            return cls(flat_map.surface, flat_map.points, flat_map.template)
+        if np.ptp(flat_map.points[:, 2]) > 0.0:
+            raise SurfaceError(
+                "The surface is not flat. Expected a map as la-flatten flatten writes it (all points at z = 0); "
+                "flatten the atrium first."
+            )
+        position = flat_map.point_data.get(POSITION_ARRAY)
+        if position is None or position.shape != flat_map.points.shape:
+            raise SurfaceError(
+                f'The map has no point array "{POSITION_ARRAY}" of 3 components, by which lengths on the atrium are '
+                "measured. Make the map again with this version."
+            )
+        space = flat_map.field_data.get("seed_space", flat_map.space)
+        return cls(
+            replace(flat_map, points=np.asarray(position, np.float64), space=_text(space)),
+            flat_map.points[:, :2],
+            template if isinstance(template, Template) else _template(flat_map, template),
+        )
+
+    @property
+    def triangles(self) -> IntArray:
+        """(m, 3) point ids."""
+        return self.surface.triangles
+
+    def point_values(self, array: str) -> FloatArray:
+        """The values of a scalar array at the points, (n,), NaN where there is none; cell arrays are spread by area.
+
+        Raises
+        ------
+        LAFlatteningError : no such array, or not one of single numbers.
+        """
+        surface = self.surface
+        for arrays, on_points in ((surface.point_data, True), (surface.cell_data, False)):
+            if array not in arrays:
+                continue
+            values = np.asarray(arrays[array])
+            if values.dtype.kind not in "fiub" or values.size != len(values):
+                raise LAFlatteningError(f'The array "{array}" does not hold single numbers. Choose a scalar array.')
+            values = values.reshape(-1).astype(np.float64)
+            return values if on_points else self._spread(values)
+        known = sorted({*surface.point_data, *surface.cell_data})
+        raise LAFlatteningError(
+            f'The map has no array "{array}"; found {", ".join(known) or "none"}. Check the name of the array.'
+        )
+
+    def _spread(self, values: FloatArray) -> FloatArray:
+        """Means of the known values of the triangles round each point."""
+        weight = np.where(np.isfinite(values), self.surface.triangle_areas, 0.0)
+        corner, count = self.triangles.reshape(-1), len(self.flat)
+        total = np.bincount(corner, np.repeat(weight * np.nan_to_num(values), 3), minlength=count)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return total / np.bincount(corner, np.repeat(weight, 3), minlength=count)
+
+
+def _text(value: object) -> str:
+    return str(np.asarray(value, dtype=object).reshape(-1)[0])
+
+
+def _template(surface: Surface, name_or_path: str | Path | None) -> Template:
+    """The template given, or the one that a map file names."""
+    if name_or_path is not None:
+        return Template.load(name_or_path)
+    name = _text(surface.field_data["template"]) if "template" in surface.field_data else ""
+    if name not in builtin_templates():
+        raise TemplateError(
+            f'The map was made on the template "{name}", which is not a built-in one: give its file as the template.'
+            if name
+            else "The map does not say on which template it was made: give the template."
+        )
+    return Template.load(name)
