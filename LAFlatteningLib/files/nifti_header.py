@@ -1,0 +1,98 @@
+"""The part of a NIfTI header that says where the voxels lie and how many bytes they take."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .access import unreadable
+
+_NIFTI1: list[Any] = [
+    ("sizeof_hdr", "i4"),
+    ("unused1", "V36"),
+    ("dim", "i2", 8),
+    ("unused2", "V14"),
+    ("datatype", "i2"),
+    ("bitpix", "i2"),
+    ("unused3", "V2"),
+    ("pixdim", "f4", 8),
+    ("vox_offset", "f4"),
+    ("unused4", "V140"),
+    ("qform_code", "i2"),
+    ("sform_code", "i2"),
+    ("unused5", "V24"),
+    ("srow", "f4", (3, 4)),
+]
+_NIFTI2: list[Any] = [
+    ("sizeof_hdr", "i4"),
+    ("magic", "V8"),
+    ("datatype", "i2"),
+    ("bitpix", "i2"),
+    ("dim", "i8", 8),
+    ("unused1", "V24"),
+    ("pixdim", "f8", 8),
+    ("vox_offset", "i8"),
+    ("unused2", "V168"),
+    ("qform_code", "i4"),
+    ("sform_code", "i4"),
+    ("unused3", "V48"),
+    ("srow", "f8", (3, 4)),
+]
+_LAYOUTS = {348: _NIFTI1, 540: _NIFTI2}
+
+
+@dataclass(frozen=True)
+class NiftiHeader:
+    """What a NIfTI-1 or -2 header states.
+
+    Attributes
+    ----------
+    spacing : (3,) pixdim of the first three axes, in the file's own unit.
+    sform_spacing : (3,) lengths of the columns of the sform matrix; as `spacing` where there is none.
+    has_orientation : whether the file has a qform or an sform.
+    needed_bytes : length of the unpacked file up to its last voxel.
+
+    Source: nifti1.h and nifti2.h of the NIfTI Data Format Working Group.
+    """
+
+    spacing: NDArray[np.float64]
+    sform_spacing: NDArray[np.float64]
+    has_orientation: bool
+    needed_bytes: int
+
+    @classmethod
+    def read(cls, path: Path, start: bytes) -> NiftiHeader:
+        """Of the first 540 bytes of the (unpacked) file.
+
+        Raises
+        ------
+        InputFileError : not a NIfTI file, or cut off in its header.
+        """
+        orders: tuple[Literal["<", ">"], ...] = ("<", ">")
+        for order in orders:
+            size = int(np.frombuffer(start[:4].ljust(4, b"\0"), f"{order}i4")[0])
+            if size in _LAYOUTS:
+                break
+        else:
+            raise unreadable(path, "it is not a NIfTI file (its header does not begin with 348 or 540)")
+        layout = np.dtype(_LAYOUTS[size]).newbyteorder(order)
+        if len(start) < size:
+            raise unreadable(path, f"it is cut off in its header ({len(start)} of {size} bytes)")
+        head = np.frombuffer(start, layout, 1)[0]
+        spacing = head["pixdim"][1:4].astype(np.float64)
+        sform = bool(head["sform_code"] > 0)
+        dimensions = [max(1, int(n)) for n in head["dim"][1 : 1 + min(max(int(head["dim"][0]), 1), 7)]]
+        # Python's whole numbers: a damaged header must not overflow.
+        bits = int(head["bitpix"])
+        for n in dimensions:
+            bits *= n
+        return cls(
+            spacing,
+            np.linalg.norm(head["srow"][:, :3].astype(np.float64), axis=0) if sform else spacing,
+            sform or bool(head["qform_code"] > 0),
+            int(head["vox_offset"]) + (bits + 7) // 8,
+        )
