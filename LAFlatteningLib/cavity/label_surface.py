@@ -37,14 +37,14 @@ SECOND_SHARE = 0.2
 """A second piece larger than this share of the first is not an island but another chamber, or half of this one."""
 
 SMOOTHED_MM = 12.0
-"""Wavelength along the surface that the filter halves. Shorter ones go: terraces of slices, noise. Longer ones stay: the
-circumference of a vein 8 mm wide (25 mm) loses 0.3 % of its radius."""
+"""Wavelength along the surface that the filter halves. Shorter ones go: terraces of slices, noise. Longer ones stay:
+the circumference of a vein 8 mm wide (25 mm) loses 0.4 % of its radius."""
 FREEDOM = 1.0
-"""How far a point may move along each axis, in voxels: a half is what digitisation takes, and as much again what the hand
-or the network that drew the boundary does."""
+"""How far a point may move along each axis, in voxels: a half is the error of the voxels, and as much again that of the
+hand or the network that drew the boundary."""
 THIN_FREEDOM = 0.4
-"""The same where the label is at most about `THIN_VOXELS` thick (spikes, thin bridges): less than half, so that opposite
-sides cannot meet."""
+"""The same on spikes and bridges at most about `THIN_VOXELS` thick: less than half, so that opposite sides cannot
+meet."""
 THIN_VOXELS = 4
 ROUNDS = 4
 """The filter is applied in so many parts, with the constraint after each."""
@@ -286,8 +286,9 @@ def _is_thick(mask: NDArray[np.bool_], points: FloatArray) -> NDArray[np.bool_]:
     """Whether the label is thicker than `THIN_VOXELS` at points (n, 3) of its boundary, in indices."""
     depth = THIN_VOXELS // 2
     core = ndimage.binary_erosion(mask, _FACES, depth)
-    # Of the pair of voxels beside a point one is in the label.
-    thick = np.pad(ndimage.binary_dilation(core, _FACES, depth + 1), 1)
+    # Beyond the depth so that bumps of the boundary are not taken for spikes; of the two voxels beside a point one is
+    # outside the label.
+    thick = np.pad(ndimage.binary_dilation(core, _FACES, depth + 3), 1)
     low, high = (edge(points).astype(np.int64).T[::-1] + 1 for edge in (np.floor, np.ceil))
     return thick[tuple(low)] | thick[tuple(high)]
 
@@ -318,18 +319,17 @@ def _smoothed(mesh: Surface, spacing: FloatArray, freedom: FloatArray, progress:
 def _response(half: float) -> FloatArray:
     """Chebyshev coefficients, in 1 - k, of the response of one round of the filter.
 
-    k is what the umbrella operator (a point minus the mean of its neighbours) makes of a wave: about (wave number x edge
-    length / 2)^2, from 0 to 2. All rounds together give ``1 - (1 - exp(-c k^2))^2``, maximally flat at 0 so that it does
-    not shrink, without overshoot, and 1/2 at k = `half`.
+    k is what the umbrella operator (a point minus the mean of its neighbours) makes of a wave: about (wave number x
+    edge length / 2)^2, from 0 to 2. All rounds together give ``1 - (1 - exp(-c k^2))^2``: maximally flat at 0 so that
+    it does not shrink, without overshoot, and 1/2 at k = `half`.
     """
     c = -np.log(1.0 - np.sqrt(0.5)) / half**2
 
-    def response(x: FloatArray) -> FloatArray:
-        gauss = np.exp(-c * (1.0 - x) ** 2)
-        return (gauss * (2.0 - gauss)) ** (1.0 / ROUNDS)
-
-    # In the angle arccos x the response is as narrow as sqrt(2 half): enough terms to resolve that.
-    coefficients = chebyshev.chebinterpolate(response, int(np.ceil(12.0 / np.sqrt(min(half, 1.0)))))
+    # In the angle arccos(1 - k) the response is as narrow as sqrt(2 half): enough terms to resolve that.
+    degree = int(np.ceil(12.0 / np.sqrt(min(half, 1.0))))
+    at = chebyshev.chebpts1(degree + 1)
+    gauss = np.exp(-c * (1.0 - at) ** 2)
+    coefficients = chebyshev.chebfit(at, (gauss * (2.0 - gauss)) ** (1.0 / ROUNDS), degree)
     # Exactly 1 at k = 0: the surface must not move as a whole.
     return coefficients / coefficients.sum()
 
