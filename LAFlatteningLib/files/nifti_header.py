@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from .access import unreadable
 
-_NIFTI1: list[Any] = [
+HEADER_BYTES = 348
+_NIFTI2_BYTES = 540
+_LAYOUT: list[Any] = [
     ("sizeof_hdr", "i4"),
     ("unused1", "V36"),
     ("dim", "i2", 8),
@@ -26,28 +28,13 @@ _NIFTI1: list[Any] = [
     ("sform_code", "i2"),
     ("unused5", "V24"),
     ("srow", "f4", (3, 4)),
+    ("unused6", "V20"),
 ]
-_NIFTI2: list[Any] = [
-    ("sizeof_hdr", "i4"),
-    ("magic", "V8"),
-    ("datatype", "i2"),
-    ("bitpix", "i2"),
-    ("dim", "i8", 8),
-    ("unused1", "V24"),
-    ("pixdim", "f8", 8),
-    ("vox_offset", "i8"),
-    ("unused2", "V168"),
-    ("qform_code", "i4"),
-    ("sform_code", "i4"),
-    ("unused3", "V48"),
-    ("srow", "f8", (3, 4)),
-]
-_LAYOUTS = {348: _NIFTI1, 540: _NIFTI2}
 
 
 @dataclass(frozen=True)
 class NiftiHeader:
-    """What a NIfTI-1 or -2 header states.
+    """What a NIfTI-1 header states.
 
     Attributes
     ----------
@@ -56,7 +43,7 @@ class NiftiHeader:
     has_orientation : whether the file has a qform or an sform.
     needed_bytes : length of the unpacked file up to its last voxel.
 
-    Source: nifti1.h and nifti2.h of the NIfTI Data Format Working Group.
+    Source: nifti1.h of the NIfTI Data Format Working Group.
     """
 
     spacing: NDArray[np.float64]
@@ -66,33 +53,33 @@ class NiftiHeader:
 
     @classmethod
     def read(cls, path: Path, start: bytes) -> NiftiHeader:
-        """Of the first 540 bytes of the (unpacked) file.
+        """Of the first `HEADER_BYTES` of the (unpacked) file.
 
         Raises
         ------
-        InputFileError : not a NIfTI file, or cut off in its header.
+        InputFileError : not a NIfTI-1 file, or cut off in its header.
         """
         orders: tuple[Literal["<", ">"], ...] = ("<", ">")
         for order in orders:
             size = int(np.frombuffer(start[:4].ljust(4, b"\0"), f"{order}i4")[0])
-            if size in _LAYOUTS:
+            if size == _NIFTI2_BYTES:
+                raise unreadable(path, "it is a NIfTI-2 file, expected NIfTI-1 (or NRRD)")
+            if size == HEADER_BYTES:
                 break
         else:
-            raise unreadable(path, "it is not a NIfTI file (its header does not begin with 348 or 540)")
-        layout = np.dtype(_LAYOUTS[size]).newbyteorder(order)
-        if len(start) < size:
-            raise unreadable(path, f"it is cut off in its header ({len(start)} of {size} bytes)")
-        head = np.frombuffer(start, layout, 1)[0]
+            raise unreadable(path, f"it is not a NIfTI file (it does not begin with the number {HEADER_BYTES})")
+        if len(start) < HEADER_BYTES:
+            raise unreadable(path, f"it is cut off in its header ({len(start)} of {HEADER_BYTES} bytes)")
+        head = np.frombuffer(start, np.dtype(_LAYOUT).newbyteorder(order), 1)[0]
         spacing = head["pixdim"][1:4].astype(np.float64)
         sform = bool(head["sform_code"] > 0)
-        dimensions = [max(1, int(n)) for n in head["dim"][1 : 1 + min(max(int(head["dim"][0]), 1), 7)]]
         # Python's whole numbers: a damaged header must not overflow.
         bits = int(head["bitpix"])
-        for n in dimensions:
-            bits *= n
+        for n in head["dim"][1 : 1 + min(max(int(head["dim"][0]), 1), 7)]:
+            bits *= max(1, int(n))
         return cls(
             spacing,
             np.linalg.norm(head["srow"][:, :3].astype(np.float64), axis=0) if sform else spacing,
             sform or bool(head["qform_code"] > 0),
-            int(head["vox_offset"]) + (bits + 7) // 8,
+            int(np.nan_to_num(head["vox_offset"])) + (bits + 7) // 8,
         )

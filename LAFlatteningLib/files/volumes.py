@@ -18,7 +18,7 @@ import SimpleITK as sitk
 from ..errors import InputFileError
 from ..volume import Volume
 from .access import PathLike, atomic_write, input_suffix, known_suffix, unreadable
-from .nifti_header import NiftiHeader
+from .nifti_header import HEADER_BYTES, NiftiHeader
 
 SIZE_LIMITS_MM = (20.0, 3000.0)
 """Plausible longest side of an image of a heart or a body."""
@@ -35,7 +35,7 @@ _IMAGE_IO = {
 }
 _WRITTEN = (".nrrd", ".nii.gz", ".nii", ".mha")
 """Formats of one file: those of two (.nhdr, .mhd) could be left half-written."""
-_HEADER_BYTES = 1 << 20
+_TEXT_HEADER_BYTES = 1 << 20
 _STATE_SPACING = (
     "expected a voxel size in mm. Export it again from the program that knows it (in Slicer: set it in the Volumes "
     "module, then save)"
@@ -164,7 +164,7 @@ def _check_size(path: Path, volume: Volume) -> None:
 
 def _check_nrrd(path: Path) -> None:
     with path.open("rb") as file:
-        head = file.read(_HEADER_BYTES)
+        head = file.read(_TEXT_HEADER_BYTES)
     if not head.startswith(b"NRRD"):
         raise unreadable(path, 'it is not an NRRD file (it does not begin with "NRRD")')
     # The header ends at the first empty line.
@@ -179,7 +179,7 @@ def _check_nrrd(path: Path) -> None:
 
 def _check_meta(path: Path) -> None:
     with path.open("rb") as file:
-        head = file.read(_HEADER_BYTES)
+        head = file.read(_TEXT_HEADER_BYTES)
     # Voxels follow the line that says where they are.
     fields = _fields(re.split(rb"ElementDataFile[^\n]*", head, maxsplit=1)[0], "=")
     if "ndims" not in fields:
@@ -192,8 +192,9 @@ def _check_nifti(path: Path) -> None:
     with path.open("rb") as file:
         packed = file.read(2) == b"\x1f\x8b"
     with gzip.open(path, "rb") if packed else path.open("rb") as file:
-        header = NiftiHeader.read(path, file.read(540))
-        length = 540
+        start = file.read(HEADER_BYTES)
+        header = NiftiHeader.read(path, start)
+        length = len(start)
         # To the end, also because only there a damaged file shows.
         while part := file.read(1 << 22):
             length += len(part)
