@@ -1,10 +1,11 @@
 """The surface of a label map: smooth below the size of a voxel, unbiased, with the topology of the voxels.
 
 The boundary between voxels inside and outside is triangulated (`vtkFlyingEdges3D` of the mask: every point lies half
-way between two voxel centres), then smoothed with a low-pass filter while no point leaves the interval between its two
-voxel centres. That interval is all that a label map says of the boundary, and the smoothest surface in it is free of
-staircases, also of long ones where the wall is almost parallel to the slices. A vein cannot shrink by more than half a
-voxel, in practice a twentieth (Docs/benchmarks.md), and no bridge is made or broken.
+way between two voxel centres), then smoothed with a low-pass filter of stated wavelength that does not shrink, while no
+point moves farther than a voxel along any axis, and less than half a voxel where the label, or the gap beside it, is
+thin. So the staircase goes, also the long terraces where the wall is almost parallel to the slices or was drawn on
+every second slice; a vein loses about a twentieth of a voxel of its radius (Docs/benchmarks.md); and no bridge is made
+or broken.
 
 Voxels that touch only at an edge or a corner count as separate, as in digital topology (6-connected inside,
 18-connected outside).
@@ -44,7 +45,7 @@ FREEDOM = 1.0
 """How far a point may move along each axis, in voxels: a half is the error of the voxels, and as much again that of the
 hand or the network that drew the boundary."""
 THIN_FREEDOM = 0.4
-"""The same on spikes and bridges at most about `THIN_VOXELS` thick: less than half, so that opposite sides cannot
+"""The same on spikes, bridges and gaps at most about `THIN_VOXELS` thick: less than half, so that opposite sides cannot
 meet."""
 THIN_VOXELS = 4
 ROUNDS = 3
@@ -114,15 +115,15 @@ def label_surface(volume: Volume, label: int | None = None, progress: ProgressCa
     report(progress, 0.0, "Reading the label map")
     corner, voxels = _cropped(volume)
     mask = voxels == _chosen(voxels, label, volume)
-    notes = _border_notes(mask, corner, volume)
     report(progress, 0.2, "Separating the largest piece")
     mask, island_notes = _largest_piece(mask, volume)
-    mask, cavity_notes = _filled(mask, volume)
-    notes += island_notes + cavity_notes
+    mask, hollow_notes = _filled(mask, volume)
+    notes = island_notes + hollow_notes + _border_notes(mask, corner, volume)
     _check_volume(mask.sum() * volume.voxel_volume / 1000.0)
     report(progress, 0.4, "Triangulating the boundary")
     mesh = _boundary(mask)
-    freedom = np.where(_is_thick(mask, mesh.points), FREEDOM, THIN_FREEDOM)
+    thick = _is_thick(mask, mesh.points) & _is_thick(~mask, mesh.points)
+    freedom = np.where(thick, FREEDOM, THIN_FREEDOM)
     points = _smoothed(mesh, volume.spacing, freedom, part(progress, 0.5, 1.0))
     surface = Surface(volume.positions(points + corner), mesh.triangles)
     # Rows of voxels may run left-handed in space.
@@ -288,13 +289,14 @@ def _boundary(mask: NDArray[np.bool_]) -> Surface:
     return Surface(mesh.points.copy(), mesh.triangles.copy())
 
 
-def _is_thick(mask: NDArray[np.bool_], points: FloatArray) -> NDArray[np.bool_]:
-    """Whether the label is thicker than `THIN_VOXELS` at points (n, 3) of its boundary, in indices."""
+def _is_thick(region: NDArray[np.bool_], points: FloatArray) -> NDArray[np.bool_]:
+    """Whether a region (the label, or what is outside it) is thicker than `THIN_VOXELS` at points (n, 3) of its
+    boundary, in indices."""
     depth = THIN_VOXELS // 2
-    core = ndimage.binary_erosion(mask, _FACES, depth)
-    # Beyond the depth so that bumps of the boundary are not taken for spikes; of the two voxels beside a point one is
-    # outside the label.
-    thick = np.pad(ndimage.binary_dilation(core, _FACES, depth + 3), 1)
+    # Beyond the box the outside goes on; the label touches the box only where it has ended.
+    core = ndimage.binary_erosion(region, _FACES, depth, border_value=1)
+    # Farther than it was eroded, so that bumps of the boundary are not taken for spikes.
+    thick = np.pad(ndimage.binary_dilation(core, _FACES, depth + 3), 1, mode="edge")
     low, high = (edge(points).astype(np.int64).T[::-1] + 1 for edge in (np.floor, np.ceil))
     return thick[tuple(low)] | thick[tuple(high)]
 
