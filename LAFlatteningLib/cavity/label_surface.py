@@ -113,8 +113,8 @@ def label_surface(volume: Volume, label: int | None = None, progress: ProgressCa
     (0, [], ())
     """
     report(progress, 0.0, "Reading the label map")
-    corner, voxels = _cropped(volume)
-    mask = voxels == _chosen(voxels, label, volume)
+    corner, voxels = _cropped(volume.values, np.zeros(3))
+    corner, mask = _cropped(voxels == _chosen(voxels, label, volume), corner)
     report(progress, 0.2, "Separating the largest piece")
     mask, island_notes = _largest_piece(mask, volume)
     mask, hollow_notes = _filled(mask, volume)
@@ -142,9 +142,9 @@ def label_surface(volume: Volume, label: int | None = None, progress: ProgressCa
 # ---- the voxels ------------------------------------------------------------------------------------------------------
 
 
-def _cropped(volume: Volume) -> tuple[FloatArray, NDArray]:
-    """Index (i, j, k) of the first voxel of the box round all that is not 0, and the voxels of the box."""
-    values = volume.values
+def _cropped(values: NDArray, corner: FloatArray) -> tuple[FloatArray, NDArray]:
+    """The index (i, j, k) of the first voxel of the box round all that is not 0, and the voxels of the box; `corner` is
+    the index of the first voxel of `values`."""
     if values.dtype.kind == "f" and not np.isfinite(values).all():
         raise _intensities("some voxels are not a number")
     occupied = values != 0
@@ -158,7 +158,7 @@ def _cropped(volume: Volume) -> tuple[FloatArray, NDArray]:
     k, j = (slice(int(at[0]), int(at[-1]) + 1) for at in reached)
     columns = np.flatnonzero(occupied[k, j].any(axis=(0, 1)))
     i = slice(int(columns[0]), int(columns[-1]) + 1)
-    return np.array([i.start, j.start, k.start], np.float64), values[k, j, i]
+    return corner + np.array([i.start, j.start, k.start]), values[k, j, i]
 
 
 def _intensities(found: str) -> SurfaceError:
@@ -175,7 +175,7 @@ def _chosen(voxels: NDArray, label: int | None, volume: Volume) -> int:
         raise _intensities("voxels have fractions")
     if voxels.dtype.kind != "b" and voxels.min() < 0:
         raise _intensities(f"the smallest value is {voxels.min():g}")
-    present, counts = np.unique(voxels[voxels != 0], return_counts=True)
+    present, counts = _counted(voxels)
     if len(present) > MOST_LABELS:
         # Labels are blocks of equal voxels; intensities change from voxel to voxel.
         pairs = [(voxels[1:], voxels[:-1]), (voxels[:, 1:], voxels[:, :-1]), (voxels[..., 1:], voxels[..., :-1])]
@@ -199,6 +199,19 @@ def _chosen(voxels: NDArray, label: int | None, volume: Volume) -> int:
         what = "is the background" if label == 0 else "is not in the label map"
         raise SurfaceError(f"Label {label} {what}. Choose one of: {listed}.")
     return label
+
+
+def _counted(voxels: NDArray) -> tuple[NDArray, NDArray[np.int64]]:
+    """The values of voxels that are not 0, in order, and how many voxels have each."""
+    if voxels.dtype.kind in "bui" and voxels.max() < 1 << 16:
+        # Slice by slice, because a body in one piece would take gigabytes.
+        total = np.zeros(int(voxels.max()) + 1, np.int64)
+        for part_of in voxels:
+            count = np.bincount(part_of.reshape(-1))
+            total[: len(count)] += count
+        present = np.flatnonzero(total[1:]) + 1
+        return present, total[present]
+    return np.unique(voxels[voxels != 0], return_counts=True)
 
 
 def _border_notes(mask: NDArray[np.bool_], corner: FloatArray, volume: Volume) -> list[str]:
