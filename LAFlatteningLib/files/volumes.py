@@ -1,13 +1,15 @@
-"""Images and label maps: .nrrd, .nhdr, .nii, .nii.gz, .mha, .mhd."""
+"""Images and label maps: NRRD, NIfTI, MetaImage, through SimpleITK.
+
+What SimpleITK lets pass is checked in the header before: a file that states no voxel size (SimpleITK says 1 mm), a
+NIfTI file that is cut off (SimpleITK fills up with zeros) or says nothing of left and right.
+"""
 
 from __future__ import annotations
 
 import gzip
-import math
 import re
-import struct
 import zlib
-from collections.abc import Callable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,169 +18,232 @@ import SimpleITK as sitk
 from ..errors import InputFileError
 from ..volume import Volume
 from .access import PathLike, atomic_write, input_suffix, known_suffix, unreadable
+from .nifti_header import HEADER_BYTES, NiftiHeader
 
-SMALLEST_EXTENT = 20.0
-"""An image whose longest side is shorter shows no atrium, mm; metres in place of mm end up here."""
-LARGEST_EXTENT = 2000.0
-"""An image of a patient is no longer, mm; micrometres in place of mm end up here."""
+SIZE_LIMITS_MM = (20.0, 3000.0)
+"""Plausible longest side of an image of a heart or a body."""
+LARGEST_VOXEL_MM = 20.0
+"""Plausible largest side of a voxel."""
 
-_HEADER_BYTES = 1 << 16
+_IMAGE_IO = {
+    ".nrrd": "NrrdImageIO",
+    ".nhdr": "NrrdImageIO",
+    ".nii.gz": "NiftiImageIO",
+    ".nii": "NiftiImageIO",
+    ".mha": "MetaImageIO",
+    ".mhd": "MetaImageIO",
+}
+_WRITTEN = (".nrrd", ".nii.gz", ".nii", ".mha")
+"""Formats of one file: those of two (.nhdr, .mhd) could be left half-written."""
+_TEXT_HEADER_BYTES = 1 << 20
+_STATE_SPACING = (
+    "expected a voxel size in mm. Export it again from the program that knows it (in Slicer: set it in the Volumes "
+    "module, then save)"
+)
 
 
 def read_volume(path: PathLike) -> Volume:
     """Read a 3D image or label map: .nrrd, .nhdr, .nii, .nii.gz, .mha or .mhd, in upper or lower case.
 
-    Places are in LPS, mm, whatever axes the file uses. A 4D file with a single time is taken as 3D.
+    Positions are LPS, mm, whatever axes the file uses. A fourth dimension of length 1 is dropped.
 
     Raises
     ------
-    InputFileError : missing, empty, damaged or cut off, of an unknown kind, not 3D, several values a voxel, no stated
-        voxel spacing, image axes not at right angles, or a size that cannot be that of an atrium in mm.
+    InputFileError : missing, empty, damaged or cut off, of an unknown kind; no 3D image with one value a voxel; no
+        voxel size stated; axes not at right angles; an implausible size; NIfTI without orientation.
+
+    Examples
+    --------
+    >>> volume = read_volume("case_laendo.nrrd")  # doctest: +SKIP
+    >>> volume.spacing.tolist()  # doctest: +SKIP
+    [0.625, 0.625, 1.25]
     """
     path = Path(path)
-    suffix = input_suffix(path, _STATES_SPACING, "an image")
+    suffix = input_suffix(path, _IMAGE_IO, "an image")
     try:
-        stated = _STATES_SPACING[suffix](path)
-    except OSError as error:
-        raise unreadable(path, error.strerror or str(error)) from error
-    except (EOFError, zlib.error, struct.error, ValueError) as error:
-        if isinstance(error, InputFileError):
-            raise
-        raise unreadable(path, f"it is damaged or cut off ({error})") from error
-    if not stated:
-        raise InputFileError(
-            f'"{path}" states no voxel spacing, so nothing in it can be measured in mm. Expected {_WHERE[suffix]}. '
-            "Export it again from the program that made it, with its spacing."
-        )
+        _CHECKS[_IMAGE_IO[suffix]](path)
+    except (OSError, EOFError, zlib.error) as error:
+        raise unreadable(path, getattr(error, "strerror", None) or f"it is damaged or cut off ({error})") from error
     reader = sitk.ImageFileReader()
+    reader.SetImageIO(_IMAGE_IO[suffix])
     reader.SetFileName(str(path))
     try:
         reader.ReadImageInformation()
-        size, components = list(reader.GetSize()), reader.GetNumberOfComponents()
-        if len(size) == 4 and size[3] == 1:
-            reader.SetExtractSize([*size[:3], 0])
-            size = size[:3]
-        if len(size) != 3 or components != 1 or min(size) < 2:
-            raise InputFileError(
-                f'"{path}": expected a 3D image with one value a voxel, found {" x ".join(map(str, size))} voxels with '
-                f"{components} value{'s' if components > 1 else ''} each. Export one volume, or one segment as a label "
-                "map (in Slicer: Segmentations, Export to label map)."
-            )
+        _check_kind(path, reader)
         image = reader.Execute()
     except RuntimeError as error:
-        raise unreadable(path, _reason(error)) from error
+        raise unreadable(path, _reason(str(error))) from error
+    while image.GetDimension() > 3:
+        image = image[..., 0]
     try:
         volume = Volume.from_image(image)
     except InputFileError as error:
         raise InputFileError(f'"{path}": {error}') from error
-    extent = volume.spacing * volume.values.shape[::-1]
-    if not SMALLEST_EXTENT <= extent.max() <= LARGEST_EXTENT:
-        raise InputFileError(
-            f'"{path}" is {" x ".join(f"{side:.3g}" for side in extent)} mm large; expected a longest side of '
-            f"{SMALLEST_EXTENT:g} to {LARGEST_EXTENT:g} mm. Its spacing is probably not in mm: correct it."
-        )
+    _check_size(path, volume)
     return volume
 
 
 def write_volume(volume: Volume, path: PathLike) -> None:
-    """Write an image or label map, compressed; the extension chooses the format: .nrrd, .nii, .nii.gz or .mha.
+    """Write an image or label map, compressed; the extension chooses the format: .nrrd, .nii.gz, .nii or .mha.
+
+    Truth values are written as 0 and 1. NIfTI keeps positions as 32-bit numbers (exact to about 0.01 micrometres
+    at the size of a body).
 
     Raises
     ------
-    InputFileError : unknown extension, or the file cannot be written; an older file of that name is then unchanged.
+    InputFileError : unknown extension, a type of number that no file holds, or the file cannot be written; an older
+        file of that name is then unchanged.
     """
     path = Path(path)
-    suffix = known_suffix(path, (".nrrd", ".nii.gz", ".nii", ".mha"), "an image")
-    if volume.values.dtype == np.bool_:
-        volume = Volume(volume.values.astype(np.uint8), volume.spacing, volume.origin, volume.direction)
+    suffix = known_suffix(path, _WRITTEN, "an image")
+    values = volume.values.astype(np.uint8) if volume.values.dtype == bool else volume.values
+    try:
+        image = Volume(values, volume.spacing, volume.origin, volume.direction).to_image()
+    except (TypeError, KeyError) as error:
+        raise InputFileError(
+            f'"{path}" cannot be written: voxels are of the type {values.dtype}. Expected whole numbers, float32 or '
+            "float64."
+        ) from error
+    writer = sitk.ImageFileWriter()
+    writer.SetImageIO(_IMAGE_IO[suffix])
+    writer.SetUseCompression(suffix != ".nii")
     with atomic_write(path) as temporary:
-        # ITK chooses the format by the name; of .nii.gz it looks at both extensions, and wants no other before them.
-        part = temporary.with_name(temporary.name.replace(".", "_") + suffix)
+        writer.SetFileName(str(temporary))
         try:
-            sitk.WriteImage(volume.to_image(), str(part), useCompression=suffix != ".nii")
-            part.replace(temporary)
+            writer.Execute(image)
         except RuntimeError as error:
-            raise OSError(_reason(error)) from error
-        finally:
-            part.unlink(missing_ok=True)
+            raise OSError(_reason(str(error))) from error
 
 
-def _reason(error: RuntimeError) -> str:
-    """The last line of what ITK says, without its source files and addresses."""
-    lines = [re.sub(r"^.*?\(0x[0-9a-f]+\): ", "", line).strip() for line in str(error).splitlines()]
-    lines = [line for line in lines if line and not line.startswith(("/", "Exception thrown"))]
-    return re.sub(r"^\S*ERROR:?\s*", "", lines[-1]).rstrip(".") if lines else "it is damaged"
+def _reason(text: str) -> str:
+    """The cause in an error of SimpleITK, without its places in source files and memory."""
+    if "orthonormal" in text:
+        return "its axes are not at right angles (a sheared grid); resample it onto a grid with right angles"
+    if "Unable to determine ImageIO" in text:
+        return "it is not what its extension says"
+    if "itkMetaImageIO" in text:
+        return "its voxels are missing or cut off"
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    return re.sub(r"^.*?\(0x[0-9a-f]+\):\s*|^.*ERROR:\s*", "", lines[-1]).rstrip(".") if lines else "it is damaged"
 
 
-def _numbers(text: str) -> list[float]:
-    return [float(word) for word in re.findall(r"[^\s(),]+", text) if word.lower() != "none"]
+def _check_kind(path: Path, reader: sitk.ImageFileReader) -> None:
+    size = reader.GetSize()
+    if reader.GetNumberOfComponents() != 1:
+        raise InputFileError(
+            f'"{path}" has {reader.GetNumberOfComponents()} values a voxel (a colour or vector image, or a '
+            "segmentation whose segments overlap), expected one. Export one channel, or the segmentation as a label "
+            "map."
+        )
+    if len(size) < 3 or min(size[:3]) < 2:
+        raise InputFileError(
+            f'"{path}" is a single slice ({" x ".join(map(str, size))} voxels), expected a 3D image. Export the whole '
+            "series."
+        )
+    if any(n > 1 for n in size[3:]):
+        raise InputFileError(
+            f'"{path}" has {len(size)} dimensions ({" x ".join(map(str, size))} voxels), expected a 3D image. Export '
+            "one time point."
+        )
 
 
-def _nrrd_states_spacing(path: Path) -> bool:
+def _check_size(path: Path, volume: Volume) -> None:
+    sides = volume.spacing * volume.values.shape[::-1]
+    low, high = SIZE_LIMITS_MM
+    if not (low <= sides.max() <= high and volume.spacing.max() <= LARGEST_VOXEL_MM):
+        raise InputFileError(
+            f'"{path}" measures {" x ".join(f"{x:.3g}" for x in sides)} mm with voxels of '
+            f"{' x '.join(f'{x:.3g}' for x in volume.spacing)} mm, expected a longest side of {low:g} to {high:g} mm "
+            f"and voxels of at most {LARGEST_VOXEL_MM:g} mm. The voxel size may be in metres or micrometres; set it in "
+            "mm and save the image again."
+        )
+
+
+# ---- what the header states ------------------------------------------------------------------------------------------
+
+
+def _check_nrrd(path: Path) -> None:
     with path.open("rb") as file:
-        head = file.read(_HEADER_BYTES)
+        head = file.read(_TEXT_HEADER_BYTES)
     if not head.startswith(b"NRRD"):
-        raise unreadable(path, "it is not a NRRD file (it does not begin with NRRD)")
-    text = re.split(rb"\r?\n\r?\n", head, maxsplit=1)[0].decode("latin-1")
-    fields = dict(re.findall(r"^([^:#\n]+):[ =]*(.*?)\r?$", text, re.MULTILINE))
-    for name in ("space directions", "spacings"):
-        if name in fields:
-            values = np.array(_numbers(fields[name]))
-            # A missing spacing of an axis is written as NaN.
-            spaced = values[np.isfinite(values)]
-            wanted = 9 if name == "space directions" else 3
-            return len(spaced) >= wanted and bool(np.any(spaced))
-    return False
-
-
-def _meta_image_states_spacing(path: Path) -> bool:
-    with path.open("rb") as file:
-        head = file.read(_HEADER_BYTES)
-    end = re.search(rb"^\s*ElementDataFile\s*=", head, re.MULTILINE)
-    if not end:
-        raise unreadable(path, "it is not a MetaImage file (its header has no ElementDataFile)")
-    text = head[: end.start()].decode("latin-1")
-    found = re.search(r"^\s*(ElementSpacing|ElementSize)\s*=(.*)$", text, re.MULTILINE)
-    return found is not None and all(value > 0 for value in _numbers(found[2]))
-
-
-def _nifti_states_spacing(path: Path) -> bool:
-    packed = path.name.lower().endswith(".gz")
-    with gzip.open(path) if packed else path.open("rb") as file:
-        head = file.read(540)
-        # The NIfTI library takes what is missing at the end for zeros, so count what is there.
-        found = len(head)
-        while part := file.read(1 << 20):
-            found += len(part)
-    for order in "<>":
-        size = struct.unpack_from(order + "i", head)[0]
-        if size == 348:
-            dim, bits = struct.unpack_from(order + "8h", head, 40), struct.unpack_from(order + "h", head, 72)[0]
-            pixdim, start = struct.unpack_from(order + "8f", head, 76), struct.unpack_from(order + "f", head, 108)[0]
-            break
-        if size == 540:
-            dim, bits = struct.unpack_from(order + "8q", head, 16), struct.unpack_from(order + "h", head, 14)[0]
-            pixdim, start = struct.unpack_from(order + "8d", head, 104), struct.unpack_from(order + "q", head, 168)[0]
-            break
+        raise unreadable(path, 'it is not an NRRD file (it does not begin with "NRRD")')
+    # The header ends at the first empty line.
+    fields = _fields(re.split(rb"\r?\n\r?\n", head, maxsplit=1)[0], ":")
+    directions = re.findall(r"\(([^)]*)\)", fields.get("space directions", ""))
+    if directions:
+        lengths = [float(np.linalg.norm(_numbers(text.split(",")))) for text in directions]
     else:
-        raise unreadable(path, "it is not a NIfTI file")
-    wanted = start + math.prod(dim[1 : 1 + max(0, min(dim[0], 7))]) * bits / 8
-    if found < wanted:
-        raise unreadable(path, f"it is cut off: {found} bytes, expected {wanted:.0f}")
-    return all(np.isfinite(value) and value != 0.0 for value in pixdim[1:4])
+        lengths = _numbers(fields.get("spacings", "").split())[:3]
+    _check_stated(path, lengths[:3], '"space directions" and "spacings" are missing or empty in its header')
 
 
-_STATES_SPACING: dict[str, Callable[[Path], bool]] = {
-    ".nrrd": _nrrd_states_spacing,
-    ".nhdr": _nrrd_states_spacing,
-    ".nii.gz": _nifti_states_spacing,
-    ".nii": _nifti_states_spacing,
-    ".mha": _meta_image_states_spacing,
-    ".mhd": _meta_image_states_spacing,
-}
-VOLUME_SUFFIXES = tuple(_STATES_SPACING)
-"""Extensions of the files that `read_volume` reads."""
-_NIFTI = "pixdim 1 to 3 of its header above 0"
-_NRRD = 'a field "space directions" or "spacings" in its header'
-_META = 'a line "ElementSpacing = x y z" in its header'
-_WHERE = {".nrrd": _NRRD, ".nhdr": _NRRD, ".nii.gz": _NIFTI, ".nii": _NIFTI, ".mha": _META, ".mhd": _META}
+def _check_meta(path: Path) -> None:
+    with path.open("rb") as file:
+        head = file.read(_TEXT_HEADER_BYTES)
+    # Voxels follow the line that says where they are.
+    fields = _fields(re.split(rb"ElementDataFile[^\n]*", head, maxsplit=1)[0], "=")
+    if "ndims" not in fields:
+        raise unreadable(path, "it is not a MetaImage file (it has no NDims line)")
+    lengths = _numbers((fields.get("elementspacing") or fields.get("elementsize") or "").split())[:3]
+    _check_stated(path, lengths, '"ElementSpacing" is missing or 0 in its header')
+
+
+def _check_nifti(path: Path) -> None:
+    with path.open("rb") as file:
+        packed = file.read(2) == b"\x1f\x8b"
+    with gzip.open(path, "rb") if packed else path.open("rb") as file:
+        start = file.read(HEADER_BYTES)
+        header = NiftiHeader.read(path, start)
+        length = len(start)
+        # To the end, also because only there a damaged file shows.
+        while part := file.read(1 << 22):
+            length += len(part)
+    _check_stated(path, list(header.spacing), "its pixdim is 0")
+    if length < header.needed_bytes:
+        raise unreadable(path, f"it is cut off (it holds {length} of {header.needed_bytes} bytes)")
+    if not header.has_orientation:
+        raise InputFileError(
+            f'"{path}" does not say how it lies in the patient (qform_code and sform_code are both 0), so left and '
+            "right cannot be told apart. Export it again from the program that knows it."
+        )
+    if not np.allclose(header.sform_spacing, header.spacing, rtol=0.01):
+        raise InputFileError(
+            f'"{path}" states two voxel sizes that do not agree: {_listed(header.spacing)} mm (pixdim) and '
+            f"{_listed(header.sform_spacing)} mm (sform). Expected the same, and axes at right angles; export it again."
+        )
+
+
+_CHECKS = {"NrrdImageIO": _check_nrrd, "NiftiImageIO": _check_nifti, "MetaImageIO": _check_meta}
+
+
+def _check_stated(path: Path, lengths: Sequence[float], missing: str) -> None:
+    known = [length for length in lengths if np.isfinite(length) and length != 0.0]
+    if not known:
+        raise InputFileError(f'"{path}" states no voxel size ({missing}): {_STATE_SPACING}.')
+    if len(known) < len(lengths) or min(known) < 0.0:
+        raise InputFileError(f'"{path}" states a voxel size of {_listed(lengths)} mm: {_STATE_SPACING}.')
+
+
+def _listed(lengths: Iterable[float]) -> str:
+    return " x ".join(f"{x:.3g}" for x in lengths)
+
+
+def _fields(head: bytes, separator: str) -> dict[str, str]:
+    """Lines "name: value" of a header, names in lower case; an "=" after the colon belongs to NRRD's own keys."""
+    result: dict[str, str] = {}
+    for line in head.decode("latin-1").splitlines():
+        name, found, value = line.partition(separator)
+        if found and not line.startswith("#"):
+            result.setdefault(name.strip().lower(), value.strip())
+    return result
+
+
+def _numbers(texts: Sequence[str]) -> list[float]:
+    """Numbers in text; NaN for what is none."""
+    result = []
+    for text in texts:
+        try:
+            result.append(float(text))
+        except ValueError:
+            result.append(float("nan"))
+    return result
