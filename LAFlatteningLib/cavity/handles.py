@@ -33,7 +33,7 @@ one wide bridge of two narrow ones. A tunnel less than half as long round as the
 CLEAR_SHARE = 0.9
 """A cover is taken as inside the lumen, or outside it, if so much of it is; a cover that is both crosses the wall."""
 
-WINDING_PLACES = 32
+WINDING_PLACES = 12
 """Places on the covers that are looked at."""
 
 GAP_SHARE = 0.5

@@ -22,8 +22,8 @@ from ..errors import SurfaceError
 from ..progress import ProgressCallback, report
 from ..surface import FloatArray, IntArray, Surface
 
-BATCH_NUMBERS = 4_000_000
-"""Distances held at a time."""
+GROUP = 16
+"""Points from which paths are sought at a time."""
 
 
 def shortest_loop(surface: Surface, progress: ProgressCallback | None = None) -> IntArray:
@@ -126,7 +126,8 @@ class _Found(NamedTuple):
 class _Graph(NamedTuple):
     """The edges that lines may use."""
 
-    size: int
+    points: FloatArray
+    """(n, 3), mm"""
     ends: IntArray
     """(e, 2), smaller id first, sorted."""
     length: FloatArray
@@ -139,7 +140,12 @@ class _Graph(NamedTuple):
         on_rim = np.zeros(len(surface.points), bool)
         on_rim[edges.points[edges.usage == 1]] = True
         free = ~on_rim[edges.points].any(axis=1)
-        return cls(len(surface.points), edges.points[free], surface.edge_lengths[free], crossing[free])
+        return cls(surface.points, edges.points[free], surface.edge_lengths[free], crossing[free])
+
+    @property
+    def size(self) -> int:
+        """Number of points."""
+        return len(self.points)
 
     def near(self, roots: IntArray, reach: float) -> tuple[_Graph, IntArray]:
         """The part within reach of some points, and the ids of its points here."""
@@ -151,7 +157,7 @@ class _Graph(NamedTuple):
         number[ids] = np.arange(len(ids))
         ends = number[self.ends]
         kept = (ends >= 0).all(axis=1)
-        return _Graph(len(ids), ends[kept], self.length[kept], self.crossing[kept]), ids
+        return _Graph(self.points[ids], ends[kept], self.length[kept], self.crossing[kept]), ids
 
     def matrix(self) -> sparse.csr_matrix:
         a, b = self.ends.T
@@ -255,27 +261,42 @@ def _search(graph: _Graph, roots: IntArray, best: _Found) -> _Found:
     """The shortest loop through one of some points that does not separate, if it is shorter than the best so far."""
     if len(roots) == 0:
         return best
-    local, ids = graph.near(roots, best.length / 2.0)
-    matrix = local.matrix()
+    around, ids = graph.near(roots, best.length / 2.0)
     number = np.full(graph.size, -1, np.int64)
     number[ids] = np.arange(len(ids))
-    a, b = local.ends.T
-    size = max(1, BATCH_NUMBERS // max(local.size, 1) // 8)
-    for first in range(0, len(roots), size):
-        batch = number[roots[first : first + size]]
+    for group in _together(around.points, number[roots], best.length):
+        # Balls round points of one group overlap, so that the part of the surface to look at is small.
+        local, inner_ids = around.near(group, best.length / 2.0)
+        inner_number = np.full(around.size, -1, np.int64)
+        inner_number[inner_ids] = np.arange(len(inner_ids))
+        batch = inner_number[group]
+        matrix = local.matrix()
         distance, before = dijkstra(matrix, indices=batch, limit=best.length / 2.0, return_predecessors=True)
         before = before.astype(np.int64)
-        reached = before >= 0
-        row, point = np.nonzero(reached)
+        row, point = np.nonzero(before >= 0)
         step = np.zeros(before.shape, np.int64)
         step[row, point] = local.crossings(before[row, point], point)
         total = _sum_to_root(before, step)
+        a, b = local.ends.T
         length = distance[:, a] + distance[:, b] + local.length
         length[total[:, a] + local.crossing == total[:, b]] = np.inf
+        if length.size == 0:
+            continue
         k, edge = np.unravel_index(length.argmin(), length.shape)
         if length[k, edge] < best.length:
-            best = _Found(float(length[k, edge]), ids[_loop(before[k], int(a[edge]), int(b[edge]))])
+            best = _Found(float(length[k, edge]), ids[inner_ids[_loop(before[k], int(a[edge]), int(b[edge]))]])
     return best
+
+
+def _together(points: FloatArray, roots: IntArray, size: float) -> list[IntArray]:
+    """Points in groups of at most `GROUP`, each in a cube of some size."""
+    cell = np.zeros(len(roots), np.int64)
+    if np.isfinite(size):
+        corner = np.floor(points[roots] / size).astype(np.int64)
+        cell = np.unique(corner, axis=0, return_inverse=True)[1].reshape(-1)
+    order = np.argsort(cell, kind="stable")
+    groups = np.split(roots[order], np.flatnonzero(np.diff(cell[order])) + 1)
+    return [group[first : first + GROUP] for group in groups for first in range(0, len(group), GROUP)]
 
 
 def _loop(before: IntArray, a: int, b: int) -> IntArray:
