@@ -9,17 +9,18 @@ inside of a tunnel fills it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from .. import operators, topology
+from .. import operators
 from ..errors import SurfaceError
 from ..progress import ProgressCallback, part, report
 from ..surface import Array, FloatArray, IntArray, Surface
-from .covers import HOLE_ARRAY, close_rims
+from .sheets import turned_alike
 from .short_loops import left_of, shortest_across, shortest_loop
+from .wall import patch_wall, place_text
 
 WIDEST_MM = 8.0
 """A wider handle is not taken for an artefact. Pulmonary veins are 8 to 20 mm wide at their ostia, so that a bridge of
@@ -101,17 +102,16 @@ def remove_handles(
     True
     """
     if not surface.is_manifold:
-        place = _place(surface.points[surface.non_manifold_points[0]])
+        place = place_text(surface.points[surface.non_manifold_points[0]])
         raise SurfaceError(
             f"Expected a clean sheet to look for handles on; it is none at {len(surface.non_manifold_points)} points "
-            f"(the first at {place} mm). Heal the surface first."
+            f"(the first at {place}). Heal the surface first."
         )
     if surface.component_count > 1:
         raise SurfaceError(f"Expected a surface of one piece, found {surface.component_count}. Keep the right one.")
     if surface.genus == 0:
         return surface, ()
-    if not surface.is_oriented:
-        surface = surface.with_triangles(topology.orient(surface.triangles, surface.edges))
+    surface = turned_alike(surface)
     count = surface.genus
     handles: list[Handle] = []
     for number in range(count):
@@ -131,16 +131,16 @@ def _remove(surface: Surface, loop: IntArray, widest_mm: float) -> tuple[Surface
         second = None if across is None else _cut_and_cover(surface, across)
         if second is not None and second[1].width_mm <= widest_mm and (first is None or second[1].kind == "bridge"):
             return second
-    where = _place(surface.points[loop].mean(axis=0))
+    where = place_text(surface.points[loop].mean(axis=0))
     if first is None:
         raise SurfaceError(
-            f"The surface has a handle (like the handle of a cup) at {where} mm that cannot be cut without crossing "
+            f"The surface has a handle (like the handle of a cup) at {where} that cannot be cut without crossing "
             "another part of the surface. Separate the parts in the segmentation there and make the surface again."
         )
     width = first[1].width_mm
     if width > widest_mm:
         raise SurfaceError(
-            f"The surface has a handle (like the handle of a cup) at {where} mm that is {width:.1f} mm wide at its "
+            f"The surface has a handle (like the handle of a cup) at {where} that is {width:.1f} mm wide at its "
             f"narrowest; up to {widest_mm:.1f} mm are taken for veins or an appendage that touch, and cut. Separate "
             "the parts in the segmentation there and make the surface again, or allow a wider cut."
         )
@@ -157,17 +157,10 @@ def _cut_and_cover(surface: Surface, loop: IntArray) -> tuple[Surface, Handle] |
     cut = cut_open(surface, loop)
     if cut is None:
         return None
-    closed, _ = close_rims(cut.surface, cut.rims, [f"The cut at {_place(centre)} mm"] * 2)
+    closed = patch_wall(cut.surface, cut.rims)
     if closed.genus != surface.genus - 1 or closed.component_count > 1 or not closed.is_manifold:
         return None
     first_new = len(cut.surface.points)
-    if HOLE_ARRAY not in surface.point_data:
-        closed = replace(closed, point_data={k: v for k, v in closed.point_data.items() if k != HOLE_ARRAY})
-    else:
-        # Covers of openings are marked; these are wall.
-        marks = np.array(closed.point_data[HOLE_ARRAY])
-        marks[first_new:] = 0
-        closed = closed.with_data({HOLE_ARRAY: marks})
     inner = closed.points[first_new:]
     inside = np.abs(winding_number(surface, inner[:: max(1, len(inner) // WINDING_PLACES)])) > 0.5
     share = float(inside.mean())
@@ -304,7 +297,3 @@ def winding_number(surface: Surface, places: FloatArray) -> FloatArray:
         below = la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb
         result[k] = np.arctan2(triple, below).sum() / (2.0 * np.pi)
     return result
-
-
-def _place(position: FloatArray) -> str:
-    return f"({', '.join(f'{x:.1f}' for x in position)})"
