@@ -8,7 +8,6 @@ inside of a tunnel fills it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -34,7 +33,7 @@ one wide bridge of two narrow ones. A tunnel less than half as long round as the
 CLEAR_SHARE = 0.9
 """A cover is taken as inside the lumen, or outside it, if so much of it is; a cover that is both crosses the wall."""
 
-WINDING_PLACES = 12
+WINDING_PLACES = 8
 """Places on the covers that are looked at."""
 
 GAP_SHARE = 0.5
@@ -217,6 +216,8 @@ def cut_open(surface: Surface, loop: IntArray) -> Cut | None:
     keys: dict[tuple[int, int], int] = {}
     ends: list[tuple[int, int]] = []
     of_side: list[bool] = []
+    # Along the rims, surface on the left.
+    following: dict[int, int] = {}
 
     def cut_point(inner: int, outer: int, side: bool) -> int:
         if (inner, outer) not in keys:
@@ -232,10 +233,13 @@ def cut_open(surface: Surface, loop: IntArray) -> Cut | None:
             a, b, c = ids[k], ids[(k + 1) % 3], ids[(k + 2) % 3]
             p, q = cut_point(a, b, side), cut_point(a, c, side)
             pieces = [(p, b, c), (p, c, q)]
+            following[q] = p
         else:
             k = flag.index(False)
             c, a, b = ids[k], ids[(k + 1) % 3], ids[(k + 2) % 3]
-            pieces = [(c, cut_point(a, c, side), cut_point(b, c, side))]
+            p, q = cut_point(a, c, side), cut_point(b, c, side)
+            pieces = [(c, p, q)]
+            following[p] = q
         new_triangles.append(np.array(pieces, np.int64))
         parents.append(np.full(len(pieces), strip[row]))
     inner, outer = np.array(ends, np.int64).T
@@ -245,19 +249,35 @@ def cut_open(surface: Surface, loop: IntArray) -> Cut | None:
     aim = (level - height[inner]) / np.where(climb == 0.0, 1.0, climb)
     share = np.where(climb * level > 0, np.clip(aim, 0.2, 0.8), 0.5)
 
-    extended = Surface(
-        np.concatenate([surface.points, _blend(surface.points, inner, outer, share)]),
-        np.concatenate([triangles[~in_strip], *new_triangles]),
-        {key: np.concatenate([v, _blend(v, inner, outer, share)]) for key, v in surface.point_data.items()},
-        _of_cells(surface.cell_data, np.concatenate([np.flatnonzero(~in_strip), *parents])),
+    # Points of the line drop out; all others keep their order.
+    kept = np.flatnonzero(~on_line)
+    number = np.full(n + len(ends), -1, np.int64)
+    number[kept] = np.arange(len(kept))
+    number[n:] = len(kept) + np.arange(len(ends))
+    parent = np.concatenate([np.flatnonzero(~in_strip), *parents])
+    opened = Surface(
+        np.concatenate([surface.points[kept], _blend(surface.points, inner, outer, share)]),
+        number[np.concatenate([triangles[~in_strip], *new_triangles])],
+        {key: np.concatenate([v[kept], _blend(v, inner, outer, share)]) for key, v in surface.point_data.items()},
+        {key: values[parent] for key, values in surface.cell_data.items()},
         surface.field_data,
         surface.space,
     )
-    kept, ids = extended.submesh(np.ones(len(extended.triangles), bool))
-    rims = [rim for rim in kept.boundary_loops if ids[rim].min() >= n]
-    if len(rims) != 2:
-        return None
-    return Cut(kept, (rims[0], rims[1]))
+    rims = [number[rim] for rim in _closed_chains(following)]
+    return Cut(opened, (rims[0], rims[1])) if len(rims) == 2 else None
+
+
+def _closed_chains(following: dict[int, int]) -> list[IntArray]:
+    """Loops in which each point is followed by another."""
+    left, chains = dict(following), []
+    while left:
+        first, point = left.popitem()
+        chain = [first]
+        while point != first:
+            chain.append(point)
+            point = left.pop(point)
+        chains.append(np.array(chain, np.int64))
+    return chains
 
 
 def _blend(values: Array, inner: IntArray, outer: IntArray, share: FloatArray) -> Array:
@@ -266,10 +286,6 @@ def _blend(values: Array, inner: IntArray, outer: IntArray, share: FloatArray) -
         weight = share.reshape(-1, *[1] * (values.ndim - 1))
         return ((1.0 - weight) * values[inner] + weight * values[outer]).astype(values.dtype)
     return values[np.where(share < 0.5, inner, outer)]
-
-
-def _of_cells(data: Mapping[str, Array], parents: IntArray) -> dict[str, Array]:
-    return {name: values[parents] for name, values in data.items()}
 
 
 def winding_number(surface: Surface, places: FloatArray) -> FloatArray:

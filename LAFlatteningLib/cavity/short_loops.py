@@ -148,16 +148,24 @@ class _Graph(NamedTuple):
         return len(self.points)
 
     def near(self, roots: IntArray, reach: float) -> tuple[_Graph, IntArray]:
-        """The part within reach of some points, and the ids of its points here."""
+        """The part that paths of some length from some points reach, and the ids of its points here."""
         if not np.isfinite(reach):
             return self, np.arange(self.size)
         distance = dijkstra(self.matrix(), indices=roots, limit=reach, min_only=True)
-        ids = np.flatnonzero(np.isfinite(distance))
+        return self._part(np.isfinite(distance))
+
+    def in_box(self, roots: IntArray, reach: float) -> tuple[_Graph, IntArray]:
+        """As `near`, but quickly, and with more: all in a box round the points."""
+        corner = self.points[roots]
+        inside = (self.points >= corner.min(axis=0) - reach) & (self.points <= corner.max(axis=0) + reach)
+        return self._part(inside.all(axis=1))
+
+    def _part(self, keep: NDArray[np.bool_]) -> tuple[_Graph, IntArray]:
+        ids = np.flatnonzero(keep)
         number = np.full(self.size, -1, np.int64)
         number[ids] = np.arange(len(ids))
-        ends = number[self.ends]
-        kept = (ends >= 0).all(axis=1)
-        return _Graph(self.points[ids], ends[kept], self.length[kept], self.crossing[kept]), ids
+        kept = keep[self.ends[:, 0]] & keep[self.ends[:, 1]]
+        return _Graph(self.points[ids], number[self.ends[kept]], self.length[kept], self.crossing[kept]), ids
 
     def matrix(self) -> sparse.csr_matrix:
         a, b = self.ends.T
@@ -182,7 +190,7 @@ def _crossings(surface: Surface) -> IntArray:
     and otherwise differ but for one chance in some 10^18.
     """
     triangles = _covered(surface)
-    edges = topology.edges(triangles)
+    edges = surface.edges if triangles is surface.triangles else topology.edges(triangles)
     m, e = len(triangles), len(edges.points)
     one, two = edges.triangles.T
     # Which of the two triangles runs along the edge from its smaller to its larger id.
@@ -236,6 +244,8 @@ def _add(total: IntArray, place: int, value: int) -> None:
 
 def _covered(surface: Surface) -> IntArray:
     """The triangles, with a fan over each opening round a further point."""
+    if not surface.boundary_loops:
+        return surface.triangles
     triangles = [surface.triangles]
     n = len(surface.points)
     for number, rim in enumerate(surface.boundary_loops):
@@ -266,7 +276,7 @@ def _search(graph: _Graph, roots: IntArray, best: _Found) -> _Found:
     number[ids] = np.arange(len(ids))
     for group in _together(around.points, number[roots], best.length):
         # Balls round points of one group overlap, so that the part of the surface to look at is small.
-        local, inner_ids = around.near(group, best.length / 2.0)
+        local, inner_ids = around.in_box(group, best.length / 2.0)
         inner_number = np.full(around.size, -1, np.int64)
         inner_number[inner_ids] = np.arange(len(inner_ids))
         batch = inner_number[group]

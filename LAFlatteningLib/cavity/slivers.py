@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from .. import operators
 from ..half_edges import corner_angles
 from ..surface import FloatArray, IntArray, Surface
+from .patches import contains
 
 NEEDLE_SHARE = 0.01
 """Edges shorter than this share of the median edge are needles' ends."""
@@ -107,7 +108,8 @@ def flip_flat(surface: Surface) -> tuple[Surface, FloatArray]:
         triangles = surface.triangles.copy()
         keep = np.ones(len(triangles), bool)
         touched = np.zeros(len(surface.points), bool)
-        existing = {tuple(pair) for pair in surface.edges.points.tolist()} if len(flat) else set()
+        n = len(surface.points)
+        existing = surface.edges.points[:, 0] * n + surface.edges.points[:, 1]
         mended = 0
         for triangle, edge in zip(flat.tolist(), longest.tolist(), strict=True):
             if surface.edges.usage[edge] == 1:
@@ -124,7 +126,10 @@ def flip_flat(surface: Surface) -> tuple[Surface, FloatArray]:
                 d = int(np.setdiff1d(surface.triangles[other], (a, b))[0])
                 flipped = np.array([(c, a, d), (c, d, b)])
                 lowest = _heights(surface.points[flipped]).min()
-                if (min(c, d), max(c, d)) in existing or lowest <= height[[triangle, other]].min():
+                if (
+                    contains(existing, np.array([min(c, d) * n + max(c, d)])).any()
+                    or lowest <= height[[triangle, other]].min()
+                ):
                     continue
                 triangles[[triangle, other]] = flipped
                 touched[ids] = True
