@@ -19,6 +19,7 @@ from ..progress import ProgressCallback, part, report
 from ..surface import Array, FloatArray, IntArray, Surface
 from .sheets import turned_alike
 from .short_loops import left_of, shortest_across, shortest_loop
+from .slivers import collapse_needles
 from .wall import patch_wall, place_text
 
 WIDEST_MM = 8.0
@@ -159,12 +160,16 @@ def _cut_and_cover(surface: Surface, loop: IntArray) -> tuple[Surface, Handle] |
     closed = patch_wall(cut.surface, cut.rims)
     if closed.genus != surface.genus - 1 or closed.component_count > 1 or not closed.is_manifold:
         return None
-    first_new = len(cut.surface.points)
-    inner = closed.points[first_new:]
+    inner = closed.points[len(cut.surface.points) :]
     inside = np.abs(winding_number(surface, inner[:: max(1, len(inner) // WINDING_PLACES)])) > 0.5
     share = float(inside.mean())
     if 1.0 - CLEAR_SHARE < share < CLEAR_SHARE:
         return None
+    # A cut through a short edge leaves a shorter one.
+    new = np.arange(len(closed.points)) >= len(surface.points) - len(loop)
+    healed, joined = collapse_needles(closed, new)
+    if len(joined):
+        closed, _ = healed.submesh(np.ones(len(healed.triangles), bool))
     width = min(cut.surface.loop_length(rim) for rim in cut.rims) / np.pi
     return closed, Handle(centre, float(width), line, "bridge" if share > 0.5 else "tunnel")
 

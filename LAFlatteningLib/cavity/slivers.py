@@ -23,9 +23,13 @@ SPIKE_DEGREES = 90.0
 than 29 degrees, ending in one point. (Round a point of a smooth surface they add up to 360 degrees.)"""
 
 
-def collapse_needles(surface: Surface) -> tuple[Surface, IntArray]:
+def collapse_needles(surface: Surface, among: NDArray[np.bool_] | None = None) -> tuple[Surface, IntArray]:
     """Join the ends of edges shorter than `NEEDLE_SHARE` of the median edge, where that keeps the surface a manifold
     and turns no triangle over.
+
+    Parameters
+    ----------
+    among : (n,) points that may be joined to others; all if not given.
 
     Returns
     -------
@@ -33,8 +37,13 @@ def collapse_needles(surface: Surface) -> tuple[Surface, IntArray]:
     points : ids of the points that were joined to others.
     """
     joined: list[int] = []
+    if among is None:
+        among = np.ones(len(surface.points), bool)
     while True:
-        short = np.flatnonzero(surface.edge_lengths < NEEDLE_SHARE * np.median(surface.edge_lengths))
+        short = np.flatnonzero(
+            (surface.edge_lengths < NEEDLE_SHARE * np.median(surface.edge_lengths))
+            & among[surface.edges.points].any(axis=1)
+        )
         if len(short) == 0:
             return surface, np.array(joined, np.int64)
         target = np.arange(len(surface.points))
@@ -44,7 +53,7 @@ def collapse_needles(surface: Surface) -> tuple[Surface, IntArray]:
         touched = np.zeros(len(surface.points), bool)
         for edge in short[np.argsort(surface.edge_lengths[short], kind="stable")].tolist():
             keep, drop = surface.edges.points[edge].tolist()
-            if on_rim[drop] and not on_rim[keep]:
+            if not among[drop] or (on_rim[drop] and not on_rim[keep] and among[keep]):
                 keep, drop = drop, keep
             ring = np.unique(surface.triangles[np.union1d(of_point[keep], of_point[drop])])
             if touched[ring].any() or not _may_join(surface, edge, keep, drop, of_point, on_rim):
