@@ -1,13 +1,9 @@
-"""Handles of a surface: found, located, and cut away with the smallest cut.
+"""Handles of an atrium's surface: where veins or the appendage touch, found and removed with the smallest cut.
 
-Where two veins touch, a segmentation runs them together by a bridge. The surface then has a handle: a loop round the
-bridge, and a loop through the tunnel beside it, do not part the surface. Either loop can be cut and covered on both
-sides. Round the bridge, this takes the bridge away; round the tunnel, it fills the tunnel. The shorter loop is cut,
-because what changes is about the disc that the loop bounds.
-
-Loops come from the tree-cotree decomposition: shortest paths from a point, and the maximum spanning tree of the dual
-graph beside them. Each edge in neither closes a loop that does not part the surface, and the shortest such loop through
-the point is among them (J. Erickson and K. Whittlesey, "Greedy optimal homotopy and homology generators", SODA 2005).
+A surface made from a segmentation has a handle where two veins, or a vein and the appendage, grow together in a few
+voxels (a bridge), or where a hole of a few voxels goes through the lumen (a tunnel). Each is removed by cutting the
+surface along a closed line and covering both rims: a line round a bridge takes the bridge away, a line round the
+inside of a tunnel fills it.
 """
 
 from __future__ import annotations
@@ -16,327 +12,309 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spanning_tree
-from scipy.spatial import ConvexHull, QhullError
 
-from .. import topology
+from .. import operators
 from ..errors import SurfaceError
-from ..progress import ProgressCallback, report
-from ..surface import Surface
-from .covers import HOLE_ARRAY, close_rims, cover_rim
+from ..progress import ProgressCallback, part, report
+from ..surface import Array, FloatArray, IntArray, Surface
+from .sheets import turned_alike
+from .short_loops import left_of, shortest_across, shortest_loop
+from .slivers import collapse_needles
+from .wall import patch_wall, place_text
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
+WIDEST_MM = 8.0
+"""A wider handle is not taken for an artefact. Pulmonary veins are 8 to 20 mm wide at their ostia, so that a bridge of
+8 mm may be a vein, and cutting it would change the anatomy."""
 
-LIMIT = 8.0
-"""A bridge or tunnel wider than this is no artefact, mm: it is as wide as a small pulmonary vein."""
+PREFER_BRIDGE = 2.0
+"""A bridge is cut, rather than the tunnel beside it filled, up to so many times the length of the tunnel's line. Parts
+that touch are apart in the heart: filling the tunnel leaves them joined, and where they touch in two places it makes
+one wide bridge of two narrow ones. A tunnel less than half as long round as the bridge is a flaw of the wall."""
 
-_ROOTS = 8
-_BESIDE = 16
-_LOOPS = 4
+CLEAR_SHARE = 0.9
+"""A cover is taken as inside the lumen, or outside it, if so much of it is; a cover that is both crosses the wall."""
+
+WINDING_PLACES = 8
+"""Places on the covers that are looked at."""
+
+GAP_SHARE = 0.5
+"""Each of the two rims of a cut lies so many mean edge lengths from the line, so that the covers do not touch."""
 
 
 @dataclass(frozen=True, eq=False)
 class Handle:
-    """A handle that was cut away.
+    """A handle that was removed.
 
     Attributes
     ----------
-    place_mm : (3,) centre of the loop, in the axes of the surface.
-    width_mm : perimeter / pi of the loop's convex outline in its plane; the diameter, if it is round.
-    loop_mm : length of the loop along edges.
-    kind : "bridge" was cut through, "tunnel" was filled.
-    loop : (k, 3) the loop's points, mm.
-    space : "LPS" or "RAS", the axes of places.
+    place_mm : (3,) centre of the line along which it was cut.
+    width_mm : perimeter / pi of the cut (the narrower of its two rims), the diameter of a circle as long.
+    loop_mm : (k, 3) the line: a closed polygon along edges of the surface, the first point not repeated.
+    kind : "bridge", a piece of lumen that joined two parts, was cut through; "tunnel", a hole through the lumen,
+        was filled.
     """
 
     place_mm: FloatArray
     width_mm: float
-    loop_mm: float
+    loop_mm: FloatArray
     kind: Literal["bridge", "tunnel"]
-    loop: FloatArray
-    space: str
-
-    def __str__(self) -> str:
-        x, y, z = self.place_mm
-        return f"{self.kind} {self.width_mm:.1f} mm wide at ({x:.1f}, {y:.1f}, {z:.1f}) mm {self.space}"
 
 
 def remove_handles(
-    surface: Surface, limit_mm: float = LIMIT, progress: ProgressCallback | None = None
+    surface: Surface, *, widest_mm: float = WIDEST_MM, progress: ProgressCallback | None = None
 ) -> tuple[Surface, tuple[Handle, ...]]:
-    """Cut away every handle, each along the shortest loop found.
+    """Make a surface that has no handles.
 
-    Points of the surface stay where they are, except that the triangles along each loop give way to two covers.
+    Handles are removed one after another, each along a short line on the surface that does not separate it. The
+    shortest of all is found first (`short_loops.shortest_loop`). If it goes round a bridge, that is cut. If it goes
+    round the inside of a tunnel, the shortest line across it goes round the bridge beside it, and the bridge is cut
+    if that takes a line up to `PREFER_BRIDGE` times as long; otherwise the tunnel is filled. Lengths decide, not areas
+    of covers, because the shortest line is found exactly, whereas an area depends on how the line is covered. The cut
+    takes away the strip within half an edge length of the line, and each rim gets a cover of least area. Everything
+    else stays where it is, with its point and cell arrays; see `close_rims` for their values on covers.
 
     Parameters
     ----------
-    surface : manifold, oriented and in one piece, closed or open.
-    limit_mm : widest handle to cut, mm; see `LIMIT`.
+    surface : a manifold of one piece, closed or open; no rim is touched.
+    widest_mm : a wider handle (perimeter / pi of its narrowest cut) is refused.
 
     Returns
     -------
-    surface : of genus 0; the same object where there is no handle. Arrays continue on covers as in `close_rims`.
-    handles : in the order in which they were cut.
+    surface : of genus 0; the same object if it had no handles.
+    handles : what was removed, in that order.
 
     Raises
     ------
-    SurfaceError : not manifold, not oriented, several pieces, a handle wider than the limit, or one that cannot be cut.
-    Cancelled : the progress callback answered False.
+    SurfaceError : not a manifold, several pieces, one-sided; a handle too wide; a handle that cannot be cut without
+        touching a rim or another part of the surface.
+    Cancelled : the callback returned False.
+
+    Notes
+    -----
+    Where a vein that touches another is narrower before the bridge than the bridge itself, the smallest cut goes
+    through that vein. Look at the reported place and line.
+
+    Examples
+    --------
+    >>> from LAFlatteningLib.phantom import make_phantom
+    >>> surface = make_phantom(500).surface
+    >>> remove_handles(surface)[0] is surface
+    True
     """
-    if not surface.is_manifold or not surface.is_oriented or surface.component_count > 1:
+    if not surface.is_manifold:
+        place = place_text(surface.points[surface.non_manifold_points[0]])
         raise SurfaceError(
-            "Handles can be found on a manifold, oriented surface in one piece only. Heal the surface first."
+            f"Expected a clean sheet to look for handles on; it is none at {len(surface.non_manifold_points)} points "
+            f"(the first at {place}). Heal the surface first."
         )
+    if surface.component_count > 1:
+        raise SurfaceError(f"Expected a surface of one piece, found {surface.component_count}. Keep the right one.")
+    if surface.genus == 0:
+        return surface, ()
+    surface = turned_alike(surface)
+    count = surface.genus
     handles: list[Handle] = []
-    total = surface.genus
-    while surface.genus > 0:
-        report(progress, len(handles) / total, f"Cutting handle {len(handles) + 1} of {total}")
-        closed, centres = _closed_by_fans(surface)
-        loop = _shortest_loop(_Search.of(closed, centres))
-        if loop is None:
-            raise SurfaceError(
-                f"The surface has {surface.genus} handle(s) round its openings that no loop inside it cuts. "
-                "Close the openings first."
-            )
-        handle = _describe(surface, closed, loop)
-        if handle.width_mm > limit_mm:
-            raise SurfaceError(
-                f"The surface has a handle: a {handle}. That is too wide for an artefact (limit {limit_mm:g} mm), so "
-                "it is not cut by itself. Part the structures there in the segmentation."
-            )
-        genus = surface.genus
-        surface = _cut(surface, loop, handle)
-        if surface.genus != genus - 1 or surface.component_count > 1 or not surface.is_manifold:
-            raise SurfaceError(f"The handle, a {handle}, cannot be cut. Part the structures there in the segmentation.")
+    for number in range(count):
+        report(progress, number / count, f"Looking for handle {number + 1} of {count}")
+        loop = shortest_loop(surface, part(progress, number / count, (number + 1) / count))
+        surface, handle = _remove(surface, loop, widest_mm)
         handles.append(handle)
-    report(progress, 1.0, "Handles")
+    report(progress, 1.0, "Handles removed")
     return surface, tuple(handles)
 
 
-def _closed_by_fans(surface: Surface) -> tuple[Surface, BoolArray]:
-    """The surface with a fan over each opening, and which points loops must not pass (rims and fans)."""
-    n, loops = len(surface.points), surface.boundary_loops
-    if not loops:
-        return surface, np.zeros(n, bool)
-    centres = np.array([surface.points[loop].mean(axis=0) for loop in loops])
-    fans = [np.stack([np.roll(loop, -1), loop, np.full(len(loop), n + k)], 1) for k, loop in enumerate(loops)]
-    closed = Surface(np.concatenate([surface.points, centres]), np.concatenate([surface.triangles, *fans]))
-    barred = np.zeros(n + len(loops), bool)
-    barred[np.concatenate(loops)] = True
-    barred[n:] = True
-    return closed, barred
+def _remove(surface: Surface, loop: IntArray, widest_mm: float) -> tuple[Surface, Handle]:
+    """Remove the handle with the shortest line: along it, or along the shortest line across it."""
+    first = _cut_and_cover(surface, loop)
+    if first is None or first[1].kind == "tunnel":
+        across = shortest_across(surface, loop, PREFER_BRIDGE * surface.loop_length(loop))
+        second = None if across is None else _cut_and_cover(surface, across)
+        if second is not None and second[1].width_mm <= widest_mm and (first is None or second[1].kind == "bridge"):
+            return second
+    where = place_text(surface.points[loop].mean(axis=0))
+    if first is None:
+        raise SurfaceError(
+            f"The surface has a handle (like the handle of a cup) at {where} that cannot be cut without crossing "
+            "another part of the surface. Separate the parts in the segmentation there and make the surface again."
+        )
+    width = first[1].width_mm
+    if width > widest_mm:
+        raise SurfaceError(
+            f"The surface has a handle (like the handle of a cup) at {where} that is {width:.1f} mm wide at its "
+            f"narrowest; up to {widest_mm:.1f} mm are taken for veins or an appendage that touch, and cut. Separate "
+            "the parts in the segmentation there and make the surface again, or allow a wider cut."
+        )
+    return first
 
 
-class _Loop(NamedTuple):
-    length: float
-    points: IntArray
+def _cut_and_cover(surface: Surface, loop: IntArray) -> tuple[Surface, Handle] | None:
+    """Cut along a chordless loop that does not separate the surface, and cover both rims.
+
+    None where that is impossible, or where a cover would cross the surface.
+    """
+    line = surface.points[loop]
+    centre = line.mean(axis=0)
+    cut = cut_open(surface, loop)
+    if cut is None:
+        return None
+    closed = patch_wall(cut.surface, cut.rims)
+    if closed.genus != surface.genus - 1 or closed.component_count > 1 or not closed.is_manifold:
+        return None
+    inner = closed.points[len(cut.surface.points) :]
+    inside = np.abs(winding_number(surface, inner[:: max(1, len(inner) // WINDING_PLACES)])) > 0.5
+    share = float(inside.mean())
+    if 1.0 - CLEAR_SHARE < share < CLEAR_SHARE:
+        return None
+    # A cut through a short edge leaves a shorter one.
+    new = np.arange(len(closed.points)) >= len(surface.points) - len(loop)
+    healed, joined = collapse_needles(closed, new)
+    if len(joined):
+        closed, _ = healed.submesh(np.ones(len(healed.triangles), bool))
+    width = min(cut.surface.loop_length(rim) for rim in cut.rims) / np.pi
+    return closed, Handle(centre, float(width), line, "bridge" if share > 0.5 else "tunnel")
 
 
-@dataclass(frozen=True, eq=False)
-class _Search:
-    """Looks for short loops through a point of a closed surface."""
+class Cut(NamedTuple):
+    """A surface cut open along a loop."""
 
     surface: Surface
-    graph: sparse.csr_matrix
-    barred: BoolArray
-
-    @classmethod
-    def of(cls, surface: Surface, barred: BoolArray) -> _Search:
-        ends, length = surface.edges.points, surface.edge_lengths
-        free = ~barred[ends].any(axis=1)
-        n = len(surface.points)
-        # Edges of length 0 would be no edges to scipy.
-        weight = np.maximum(length[free], 1e-9)
-        half = sparse.coo_matrix((weight, (ends[free, 0], ends[free, 1])), shape=(n, n))
-        return cls(surface, (half + half.T).tocsr(), barred)
-
-    def loops(self, root: int, limit: float = np.inf) -> list[_Loop]:
-        """Loops that do not part the surface, at most about twice `limit` long, shortest first."""
-        distance, before = dijkstra(self.graph, indices=root, return_predecessors=True, limit=limit)
-        edges = self.surface.edges
-        u, v = edges.points.T
-        tree = (before[u] == v) | (before[v] == u)
-        through = distance[u] + distance[v] + self.surface.edge_lengths
-        inner = np.isfinite(distance)[self.surface.triangles].all(axis=1)
-        candidate = ~tree & np.isfinite(through) & inner[edges.triangles].all(axis=1)
-        # Edges that close no loop come first into the dual tree: they join triangles to areas.
-        m = len(self.surface.triangles)
-        a, b = edges.triangles[~tree & ~candidate].T
-        joined = sparse.coo_matrix((np.ones(len(a), np.int8), (a, b)), shape=(m, m))
-        count, area = connected_components(joined, directed=False)
-        ids = np.flatnonzero(candidate)
-        pair = np.sort(area[edges.triangles[ids]], axis=1).astype(np.int64)
-        key = pair[:, 0] * count + pair[:, 1]
-        # Of several edges between two areas, the one that closes the longest loop.
-        order = np.lexsort([-through[ids], key])
-        first = order[np.concatenate([[True], np.diff(key[order]) != 0])] if len(order) else order
-        first = first[pair[first, 0] != pair[first, 1]]
-        weight = (through[ids].max() if len(ids) else 0.0) - through[ids[first]] + 1.0
-        dual = sparse.coo_matrix((weight, (pair[first, 0], pair[first, 1])), shape=(count, count))
-        kept = minimum_spanning_tree(dual.tocsr()).tocoo()
-        kept_key = np.minimum(kept.row, kept.col).astype(np.int64) * count + np.maximum(kept.row, kept.col)
-        in_cotree = np.zeros(len(ids), bool)
-        in_cotree[first[np.isin(key[first], kept_key)]] = True
-        left = ids[~in_cotree]
-        left = left[np.argsort(through[left])][:50]
-        found = [self._trimmed(before, root, int(u[e]), int(v[e])) for e in left]
-        return sorted((loop for loop in found if len(loop.points) >= 3), key=lambda loop: loop.length)
-
-    def _trimmed(self, before: IntArray, root: int, u: int, v: int) -> _Loop:
-        """The loop that an edge closes, without the way that both its sides share."""
-
-        def way(point: int) -> list[int]:
-            path = [point]
-            while path[-1] != root:
-                path.append(int(before[path[-1]]))
-            return path
-
-        one, two = way(u), way(v)
-        while len(one) > 1 and len(two) > 1 and one[-2] == two[-2]:
-            one.pop()
-            two.pop()
-        points = np.array(one[::-1] + two[:-1], np.int64)
-        return _Loop(self.surface.loop_length(points), points)
+    rims: tuple[IntArray, IntArray]
+    """The two new rims, surface on their left."""
 
 
-def _shortest_loop(search: _Search) -> IntArray | None:
-    """A short loop that does not part the surface: loops from anywhere, then from points on the best ones."""
-    start = search.loops(int(np.flatnonzero(~search.barred)[0]))[:_LOOPS]
-    best: _Loop | None = None
-    longest = float(search.surface.edge_lengths.max())
-    for loop in start:
-        improved = True
-        while improved:
-            improved = False
-            # Nothing longer than the best loop so far is of interest, and small neighbourhoods are quick.
-            reach = 0.55 * min(loop.length, best.length if best else np.inf) + 2.0 * longest
-            # A bridge's loop is met by a loop through its tunnel: points all along it are tried, far ones first.
-            count = len(loop.points)
-            roots = loop.points[np.unique(np.linspace(0, count, _ROOTS, endpoint=False).astype(int))]
-            for root in roots[np.argsort(np.arange(len(roots)) % 2, kind="stable")[::-1]]:
-                near = search.loops(int(root), reach)
-                if near and near[0].length < loop.length - 1e-9:
-                    loop, improved = near[0], True
-                    break
-        if best is None or loop.length < best.length:
-            best = loop
-    return None if best is None else _tightened(search, best).points
+def cut_open(surface: Surface, loop: IntArray) -> Cut | None:
+    """Take the strip along a closed line out of a surface.
 
+    Parameters
+    ----------
+    loop : (k,) point ids, joined in order by edges; no two others may be joined (no chords), none on a rim.
 
-def _tightened(search: _Search, loop: _Loop) -> _Loop:
-    """Move a loop along its tube to a narrower place: loops from points beside it, while they get shorter."""
-    longest = float(search.surface.edge_lengths.max())
-    improved = True
-    while improved:
-        improved = False
-        distance = dijkstra(search.graph, indices=loop.points[0], limit=0.4 * loop.length + 2.0 * longest)
-        beside = np.setdiff1d(np.flatnonzero(np.isfinite(distance)), loop.points)
-        for root in beside[:: max(1, len(beside) // _BESIDE)]:
-            near = search.loops(int(root), 0.75 * loop.length + 2.0 * longest)
-            if near and near[0].length < loop.length - 1e-9:
-                loop, improved = near[0], True
-                break
-    return loop
-
-
-def _describe(surface: Surface, closed: Surface, loop: IntArray) -> Handle:
-    points = surface.points[loop]
-    place = points.mean(axis=0)
-    length = surface.loop_length(loop)
-    axes = np.linalg.svd(points - place)[2]
-    try:
-        # In two dimensions, the "area" of Qhull is a perimeter. The zigzag of the edges does not count in it.
-        perimeter = float(ConvexHull((points - place) @ axes[:2].T).area)
-    except QhullError:
-        perimeter = length
-    inner, _ = cover_rim(surface.points, loop)
-    nearest = inner[np.argsort(np.linalg.norm(inner - place, axis=1))[:5]]
-    inside = np.median(winding_numbers(closed, nearest)) > 0.5
-    return Handle(
-        place, min(perimeter, length) / np.pi, length, "bridge" if inside else "tunnel", points, surface.space
-    )
-
-
-def winding_numbers(surface: Surface, places: FloatArray) -> FloatArray:
-    """How often a closed surface goes round each of `places` (k, 3): 1 inside, 0 outside, (k,).
-
-    Source: A. van Oosterom and J. Strackee, "The solid angle of a plane triangle", IEEE TBME 1983.
+    Each edge that leaves the line is cut where it crosses the plane `GAP_SHARE` mean edge lengths beside the line's
+    own plane, or as near to that as the edge goes. So the rims are smooth although the line jumps from point to
+    point, and they are loops whatever the shape, since each follows the fans on one side of the line.
     """
-    result = np.empty(len(places))
-    for number, place in enumerate(places):
-        a, b, c = (surface.points - place)[surface.triangles].transpose(1, 0, 2)
-        la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
-        volume = np.einsum("ij,ij->i", a, np.cross(b, c))
-        dots = [np.einsum("ij,ij->i", p, q) for p, q in ((a, b), (b, c), (c, a))]
-        below = la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb
-        result[number] = np.arctan2(volume, below).sum() / (2.0 * np.pi)
-    return result
-
-
-def _cut(surface: Surface, loop: IntArray, handle: Handle) -> Surface:
-    """Cut along a loop and cover both sides."""
-    rims = len(surface.boundary_loops)
-    on_loop = np.zeros(len(surface.points), bool)
-    on_loop[loop] = True
-    keep = np.logical_not(on_loop[surface.triangles].any(axis=1))
-    # Without the triangles along the loop the two covers stand apart. Where the handle is too short for that (what
-    # is left falls apart, or rims touch), it is cut along the edges.
-    for attempt in (lambda: surface.submesh(keep)[0], lambda: _parted(surface, loop)):
-        try:
-            part = attempt()
-            if part.is_manifold and part.component_count == 1 and len(part.boundary_loops) == rims + 2:
-                return _covered(surface, part)
-        except SurfaceError:
-            continue
-    raise SurfaceError(f"The handle, a {handle}, cannot be cut. Part the structures there in the segmentation.")
-
-
-def _covered(surface: Surface, part: Surface) -> Surface:
-    """Cover the two rims that the surface did not have."""
-    old = {point.tobytes() for loop in surface.boundary_loops for point in surface.points[loop]}
-    new = [loop for loop in part.boundary_loops if part.points[loop[0]].tobytes() not in old]
-    closed, _ = close_rims(part, new)
-    # The covers belong to the wall: they are no openings.
-    data = dict(closed.point_data)
-    marks = data.pop(HOLE_ARRAY)
-    if HOLE_ARRAY in surface.point_data:
-        marks[len(part.points) :] = 0
-        data[HOLE_ARRAY] = marks
-    return Surface(closed.points, closed.triangles, data, closed.cell_data, closed.field_data, closed.space)
-
-
-def _parted(surface: Surface, loop: IntArray) -> Surface:
-    """The surface cut along edges: the points of the loop twice, drawn a quarter of an edge apart."""
     n = len(surface.points)
-    triangles = surface.triangles.copy()
-    following = dict(zip(loop.tolist(), np.roll(loop, -1).tolist(), strict=True))
-    number = {point: n + k for k, point in enumerate(loop.tolist())}
-    touching = np.flatnonzero(np.isin(triangles, loop).any(axis=1))
-    # Round each point of the loop, the triangles from the edge that follows counter-clockwise to the one before.
-    turn: dict[tuple[int, int], tuple[int, int]] = {}
-    for t in touching.tolist():
-        for k in range(3):
-            a, b, c = (int(surface.triangles[t, (k + j) % 3]) for j in range(3))
-            turn[a, b] = (t, c)
-    last = np.roll(loop, 1)
-    for point, previous in zip(loop.tolist(), last.tolist(), strict=True):
-        neighbour = following[point]
-        while neighbour != previous:
-            t, neighbour = turn[point, neighbour]
-            triangles[t, surface.triangles[t] == point] = number[point]
-    points = np.concatenate([surface.points, surface.points[loop]])
-    ends = topology.edges(triangles).points
-    both = np.concatenate([ends, ends[:, ::-1]])
-    copies = np.concatenate([loop, n + np.arange(len(loop))])
-    moved = points.copy()
-    for copy in copies:
-        beside = both[both[:, 0] == copy, 1]
-        beside = beside[~np.isin(beside, copies)]
-        if len(beside):
-            moved[copy] += 0.25 * (points[beside].mean(axis=0) - points[copy])
-    data = {name: np.concatenate([values, values[loop]]) for name, values in surface.point_data.items()}
-    return Surface(moved, triangles, data, surface.cell_data, surface.field_data, surface.space)
+    on_line = np.zeros(n, bool)
+    on_line[loop] = True
+    triangles = surface.triangles
+    in_strip = on_line[triangles].any(axis=1)
+    strip = np.flatnonzero(in_strip)
+    left = left_of(surface, loop, strip)
+
+    # Cut points, one for each edge (from the line, away from it) and side.
+    line = surface.points[loop]
+    step = np.linalg.norm(np.roll(line, -1, axis=0) - line, axis=1).mean()
+    normal = operators.area_vectors(
+        np.concatenate([line, line.mean(axis=0)[None]]),
+        np.stack([np.arange(len(loop)), np.roll(np.arange(len(loop)), -1), np.full(len(loop), len(loop))], axis=1),
+    ).sum(axis=0)
+    normal /= max(float(np.linalg.norm(normal)), np.finfo(float).tiny)
+    height = (surface.points - line.mean(axis=0)) @ normal
+    away = [np.unique(triangles[strip[left == side]]) for side in (False, True)]
+    rise = [float(height[ids[~on_line[ids]]].mean()) for ids in away]
+    up = np.array([rise[0] > rise[1], rise[1] >= rise[0]])
+
+    corner = triangles[strip]
+    flags = on_line[corner]
+    new_triangles: list[IntArray] = []
+    parents: list[IntArray] = []
+    keys: dict[tuple[int, int], int] = {}
+    ends: list[tuple[int, int]] = []
+    of_side: list[bool] = []
+    # Along the rims, surface on the left.
+    following: dict[int, int] = {}
+
+    def cut_point(inner: int, outer: int, side: bool) -> int:
+        if (inner, outer) not in keys:
+            keys[inner, outer] = n + len(ends)
+            ends.append((inner, outer))
+            of_side.append(side)
+        return keys[inner, outer]
+
+    for row, (ids, flag) in enumerate(zip(corner.tolist(), flags.tolist(), strict=True)):
+        side = bool(left[row])
+        if sum(flag) == 1:
+            k = flag.index(True)
+            a, b, c = ids[k], ids[(k + 1) % 3], ids[(k + 2) % 3]
+            p, q = cut_point(a, b, side), cut_point(a, c, side)
+            pieces = [(p, b, c), (p, c, q)]
+            following[q] = p
+        else:
+            k = flag.index(False)
+            c, a, b = ids[k], ids[(k + 1) % 3], ids[(k + 2) % 3]
+            p, q = cut_point(a, c, side), cut_point(b, c, side)
+            pieces = [(c, p, q)]
+            following[p] = q
+        new_triangles.append(np.array(pieces, np.int64))
+        parents.append(np.full(len(pieces), strip[row]))
+    inner, outer = np.array(ends, np.int64).T
+    level = np.where(up[np.array(of_side, np.int64)], 1.0, -1.0) * GAP_SHARE * step
+    climb = height[outer] - height[inner]
+    # An edge that does not climb away from the line is cut where it must be, near its middle.
+    aim = (level - height[inner]) / np.where(climb == 0.0, 1.0, climb)
+    share = np.where(climb * level > 0, np.clip(aim, 0.2, 0.8), 0.5)
+
+    # Points of the line drop out; all others keep their order.
+    kept = np.flatnonzero(~on_line)
+    number = np.full(n + len(ends), -1, np.int64)
+    number[kept] = np.arange(len(kept))
+    number[n:] = len(kept) + np.arange(len(ends))
+    parent = np.concatenate([np.flatnonzero(~in_strip), *parents])
+    opened = Surface(
+        np.concatenate([surface.points[kept], _blend(surface.points, inner, outer, share)]),
+        number[np.concatenate([triangles[~in_strip], *new_triangles])],
+        {key: np.concatenate([v[kept], _blend(v, inner, outer, share)]) for key, v in surface.point_data.items()},
+        {key: values[parent] for key, values in surface.cell_data.items()},
+        surface.field_data,
+        surface.space,
+    )
+    rims = [number[rim] for rim in _closed_chains(following)]
+    return Cut(opened, (rims[0], rims[1])) if len(rims) == 2 else None
+
+
+def _closed_chains(following: dict[int, int]) -> list[IntArray]:
+    """Loops in which each point is followed by another."""
+    left, chains = dict(following), []
+    while left:
+        first, point = left.popitem()
+        chain = [first]
+        while point != first:
+            chain.append(point)
+            point = left.pop(point)
+        chains.append(np.array(chain, np.int64))
+    return chains
+
+
+def _blend(values: Array, inner: IntArray, outer: IntArray, share: FloatArray) -> Array:
+    """Values at a share of the way along edges: interpolated, or of the nearer end where they are not floating."""
+    if values.dtype.kind == "f":
+        weight = share.reshape(-1, *[1] * (values.ndim - 1))
+        return ((1.0 - weight) * values[inner] + weight * values[outer]).astype(values.dtype)
+    return values[np.where(share < 0.5, inner, outer)]
+
+
+def winding_number(surface: Surface, places: FloatArray) -> FloatArray:
+    """How often a surface goes round each place, (k,): 1 inside, 0 outside, openings closed by fans.
+
+    Source: solid angle of a triangle by Van Oosterom and Strackee 1983.
+    """
+    points, triangles = [surface.points], [surface.triangles]
+    for number, rim in enumerate(surface.boundary_loops):
+        points.append(surface.points[rim].mean(axis=0, keepdims=True))
+        triangles.append(np.column_stack([np.roll(rim, -1), rim, np.full(len(rim), len(surface.points) + number)]))
+    corners, ids = np.concatenate(points), np.concatenate(triangles)
+    result = np.empty(len(places))
+    for k, place in enumerate(places):
+        offset = corners - place
+        length = np.sqrt((offset**2).sum(axis=1))
+        a, b, c = (offset[ids[:, corner]] for corner in range(3))
+        la, lb, lc = (length[ids[:, corner]] for corner in range(3))
+        triple = (
+            a[:, 0] * (b[:, 1] * c[:, 2] - b[:, 2] * c[:, 1])
+            + a[:, 1] * (b[:, 2] * c[:, 0] - b[:, 0] * c[:, 2])
+            + a[:, 2] * (b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0])
+        )
+        dots = [np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a))]
+        below = la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb
+        result[k] = np.arctan2(triple, below).sum() / (2.0 * np.pi)
+    return result

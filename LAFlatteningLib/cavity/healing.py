@@ -1,203 +1,237 @@
-"""Small defects of a surface mended, each noted with its place, before anything is measured on it."""
+"""Healing a mesh: faults of its making are removed, the anatomy is left as it is.
+
+Handles are no faults of the mesh; see `handles`.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
-from .. import operators, topology
 from ..errors import SurfaceError
-from ..surface import Surface
-from .covers import HOLE_ARRAY, close_rims
+from ..progress import ProgressCallback, report
+from ..surface import FloatArray, IntArray, Surface
+from .sheets import flaps, separate_sheets, turned_alike
+from .slivers import collapse_needles, flatten_spikes, flip_flat
+from .wall import patch_wall, place_text
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+MERGE_MM = 1e-3
+"""Points closer than this are one: far below any voxel, far above the rounding of coordinates in a file."""
 
-COINCIDENT = 1e-5
-"""Points nearer than about this are one, mm."""
-PINHOLE_PERIMETER = 6.0
-"""An opening with a shorter rim is a pinhole, mm: 2 mm across, a fraction of the smallest vein."""
-TINY_AREA = 0.05
-"""A component, or a fin on an edge, with less than this share of the whole area may be dropped."""
-SPIKE = 2.0
-"""A point that stands farther above its neighbours than so many of their radii is a spike (a cone below 27 degrees)."""
+PINHOLE_MM = 12.5
+"""A rim no longer than this is a hole in the wall: it is as long as a circle 4 mm wide, narrower than pulmonary veins
+that are told apart in images, and than any other opening of an atrium."""
+
+SECOND_SHARE = 0.2
+"""A second piece with more than this share of the area of the first is no debris."""
+
+PLACES = 3
+"""Places that a note names."""
 
 
-def heal_surface(surface: Surface) -> tuple[Surface, tuple[str, ...]]:
-    """Mend small defects: coincident points, degenerate and double triangles, fins, sheets that touch in a point, tiny
-    components, spikes, pinholes.
+def heal(surface: Surface, progress: ProgressCallback | None = None) -> tuple[Surface, tuple[str, ...]]:
+    """Remove the faults of a mesh that would stop later steps.
 
-    Point and cell arrays travel along.
+    In this order: points within `MERGE_MM` are merged; duplicate triangles and those with a point twice are dropped;
+    pieces of less than `SECOND_SHARE` of the largest one's area are dropped; single triangles that hang on an edge of
+    two others are dropped; triangles are turned alike; sheets that touch in points or edges are taken apart
+    (`sheets.separate_sheets`: each keeps its triangles, which changes less than dropping one); ends of needles are
+    joined, flat triangles flipped, tips of spikes moved back (`slivers`); rims up to `PINHOLE_MM` long are covered.
+    This is repeated until nothing is left to do, because one repair may uncover another.
 
     Returns
     -------
-    surface : without those defects; the same object where nothing had to be done.
-    notes : what was changed, with places in mm.
+    surface : one manifold piece, with the point and cell arrays of the parts that stayed, and unused points gone; the
+        same object if nothing was wrong. It may still have handles and openings.
+    notes : what was changed, a sentence for each kind of fault, with places in mm.
 
     Raises
     ------
-    SurfaceError : what is too large to be dropped, or cannot be mended, with its place.
+    SurfaceError : a second large piece, or a fault that cannot be healed, with its place.
+    Cancelled : the callback returned False.
+
+    Examples
+    --------
+    >>> from LAFlatteningLib.phantom import make_phantom
+    >>> surface = make_phantom(500).surface
+    >>> heal(surface)[0] is surface
+    True
     """
-    notes: list[str] = []
-    for step in (_merge_points, _drop_bad_triangles, _drop_fins, _drop_components, _split_points, _flatten_spikes):
-        surface = step(surface, notes)
-    surface = _close_pinholes(surface, notes)
-    return surface, tuple(notes)
+    given = surface
+    notes: dict[str, list[FloatArray]] = {}
+    for turn in range(PASSES):
+        before = surface
+        for number, (text, step) in enumerate(STEPS):
+            report(progress, (turn + number / len(STEPS)) / PASSES, "Healing the surface")
+            surface, places = step(surface)
+            if len(places):
+                notes.setdefault(text, []).extend(places)
+        if surface is before:
+            break
+    if surface is not given:
+        surface, _ = surface.submesh(np.ones(len(surface.triangles), bool))
+    _check(surface)
+    report(progress, 1.0, "Surface healed")
+    return surface, tuple(_sentence(text, places) for text, places in notes.items())
 
 
-def _place(surface: Surface, point: int) -> str:
-    return f"({', '.join(f'{x:.1f}' for x in surface.points[point])}) mm {surface.space}"
+def _sentence(text: str, places: list[FloatArray]) -> str:
+    """A note with the number of places and the first of them."""
+    named = ", ".join(place_text(place) for place in places[:PLACES])
+    more = f" and {len(places) - PLACES} more" if len(places) > PLACES else ""
+    return f"{text}: {len(places)}, at {named}{more}."
 
 
-def _merge_points(surface: Surface, notes: list[str]) -> Surface:
-    cells = np.round(surface.points / COINCIDENT).astype(np.int64)
-    _, first, group = np.unique(cells, axis=0, return_index=True, return_inverse=True)
-    merged = first[group.reshape(-1)]
-    triangles = merged[surface.triangles]
-    moved = np.unique(surface.triangles[triangles != surface.triangles])
-    if len(moved) == 0:
-        return surface
-    notes.append(
-        f"{len(moved)} points coincided with others and were merged, the first at {_place(surface, moved[0])}."
-    )
-    return surface.with_triangles(triangles)
-
-
-def _drop_bad_triangles(surface: Surface, notes: list[str]) -> Surface:
-    corners = np.sort(surface.triangles, axis=1)
-    bad = (corners[:, 1:] == corners[:, :-1]).any(axis=1)
-    _, first = np.unique(corners, axis=0, return_index=True)
-    double = np.ones(len(corners), bool)
-    double[first] = False
-    bad |= double
-    if not bad.any():
-        return surface
-    at = int(surface.triangles[np.flatnonzero(bad)[0], 0])
-    notes.append(
-        f"{np.count_nonzero(bad)} triangles without area, or there twice, were removed, the first at "
-        f"{_place(surface, at)}."
-    )
-    return surface.submesh(~bad)[0]
-
-
-def _drop_fins(surface: Surface, notes: list[str]) -> Surface:
-    """At edges of more than two triangles, drop the smallest sheets until two are left."""
-    most = TINY_AREA * surface.area
-    while (surface.edges.usage > 2).any():
-        sheet = topology.triangle_components(surface.triangles, surface.edges)
-        area = np.bincount(sheet, surface.triangle_areas)
-        crowded = np.flatnonzero(surface.edges.usage > 2)
-        at_edge = np.isin(surface.edges.of_triangle, crowded).any(axis=1)
-        candidates = np.unique(sheet[at_edge])
-        smallest = candidates[area[candidates].argmin()]
-        at = int(surface.edges.points[crowded[0], 0])
-        if area[smallest] > most or len(candidates) == 1:
-            raise SurfaceError(
-                f"More than two triangles share an edge at {_place(surface, at)}, and none of the sheets there is "
-                "small enough to be dropped. Rebuild the surface from its segmentation."
-            )
-        notes.append(f"A fin of {area[smallest]:.2g} mm2 was removed at {_place(surface, at)}.")
-        surface = surface.submesh(sheet != smallest)[0]
-    return surface
-
-
-def _drop_components(surface: Surface, notes: list[str]) -> Surface:
-    if surface.component_count == 1:
-        return surface
-    area = np.bincount(surface.components, surface.triangle_areas)
-    keep = int(area.argmax())
-    others = np.flatnonzero(np.arange(len(area)) != keep)
-    for number in others:
-        point = int(surface.triangles[surface.components == number][0, 0])
-        if area[number] > TINY_AREA * area.sum():
-            raise SurfaceError(
-                f"The surface has a second piece of {area[number] / 100:.2g} cm2 at {_place(surface, point)}, too "
-                "large to be dropped. Keep the piece that is the left atrium."
-            )
-        notes.append(f"A separate piece of {area[number]:.2g} mm2 was removed at {_place(surface, point)}.")
-    return surface.submesh(surface.components == keep)[0]
-
-
-def _split_points(surface: Surface, notes: list[str]) -> Surface:
-    """Where several fans of triangles meet in a point, all but the largest get a point of their own."""
+def _check(surface: Surface) -> None:
     bad = surface.non_manifold_points
-    if len(bad) == 0:
-        return surface
-    triangles = surface.triangles.copy()
-    sources: list[int] = []
-    for point in bad.tolist():
-        round_it = np.flatnonzero((surface.triangles == point).any(axis=1))
-        shared = surface.triangles[round_it]
-        meets = np.array([[len(np.intersect1d(a, b)) >= 2 for b in shared] for a in shared])
-        count, fan = connected_components(sparse.csr_matrix(meets), directed=False)
-        largest = int(np.bincount(fan).argmax())
-        for number in range(count):
-            if number != largest:
-                rows = round_it[fan == number]
-                triangles[rows] = np.where(
-                    surface.triangles[rows] == point, len(surface.points) + len(sources), triangles[rows]
-                )
-                sources.append(point)
-        notes.append(f"{count} sheets that touched in a point were parted at {_place(surface, point)}.")
-    ids = np.concatenate([np.arange(len(surface.points)), np.array(sources, np.int64)])
-    split = Surface(
-        surface.points[ids],
-        triangles,
-        {name: values[ids] for name, values in surface.point_data.items()},
-        surface.cell_data,
-        surface.field_data,
-        surface.space,
-    )
-    if not split.is_manifold:
+    if len(bad):
         raise SurfaceError(
-            f"The surface is not a clean sheet at {_place(split, int(split.non_manifold_points[0]))} and cannot be "
-            "mended there. Rebuild it from its segmentation."
+            f"The surface is not a clean sheet at {len(bad)} points that cannot be healed (the first at "
+            f"{place_text(surface.points[bad[0]])}). Rebuild it from its segmentation, or remesh it."
         )
-    # Parting sheets can leave a small one on its own.
-    return _drop_components(split, notes)
+    if surface.component_count > 1:
+        _largest_piece(surface)
 
 
-def _flatten_spikes(surface: Surface, notes: list[str]) -> Surface:
+Healed = tuple[Surface, FloatArray]
+"""What a step returns: the surface, the same object if nothing was wrong, and the places of changes, (k, 3) mm."""
+
+NOWHERE = np.zeros((0, 3))
+
+
+def _merge(surface: Surface) -> Healed:
+    """Points at the same place are one."""
+    pairs = cKDTree(surface.points).query_pairs(MERGE_MM, output_type="ndarray")
+    pairs = pairs[surface.used_points[pairs].all(axis=1)]
+    if len(pairs) == 0:
+        return surface, NOWHERE
     n = len(surface.points)
-    a, b = surface.edges.points.T
-    ones = np.ones(len(a))
-    adjacency = sparse.coo_matrix((ones, (a, b)), shape=(n, n)).tocsr()
-    adjacency = adjacency + adjacency.T
-    degree = np.maximum(np.asarray(adjacency.sum(axis=1)).reshape(-1), 1.0)
-    points = surface.points
-    middle = (adjacency @ points) / degree[:, None]
-    spread = (adjacency @ (points**2).sum(axis=1)) / degree - (middle**2).sum(axis=1)
-    radius = np.sqrt(np.maximum(spread, 0.0))
-    spike = surface.used_points & (np.linalg.norm(points - middle, axis=1) > SPIKE * radius)
-    # A rim has neighbours on one side only.
-    for loop in surface.boundary_loops:
-        spike[loop] = False
-    ids = np.flatnonzero(spike)
-    if len(ids) == 0:
-        return surface
-    moved = points.copy()
-    moved[ids] = middle[ids]
-    if (operators.triangle_areas(moved, surface.triangles) <= 0.0).any():
-        raise SurfaceError(f"A spike at {_place(surface, int(ids[0]))} cannot be flattened. Smooth the surface there.")
-    notes.append(f"{len(ids)} spikes were flattened, the first at {_place(surface, int(ids[0]))}.")
-    return Surface(moved, surface.triangles, surface.point_data, surface.cell_data, surface.field_data, surface.space)
+    graph = sparse.coo_matrix((np.ones(len(pairs), np.int8), tuple(pairs.T)), shape=(n, n))
+    label = connected_components(graph, directed=False)[1]
+    _, first = np.unique(label, return_index=True)
+    target = first[label]
+    moved = target != np.arange(n)
+    return _without_degenerate(surface.with_triangles(target[surface.triangles])), surface.points[moved]
 
 
-def _close_pinholes(surface: Surface, notes: list[str]) -> Surface:
-    pinholes = [loop for loop in surface.boundary_loops if surface.loop_length(loop) < PINHOLE_PERIMETER]
-    if not pinholes:
-        return surface
-    closed, _ = close_rims(surface, pinholes)
-    for loop in pinholes:
-        notes.append(
-            f"A pinhole with a rim of {surface.loop_length(loop):.1f} mm was closed at {_place(surface, int(loop[0]))}."
+def _without_degenerate(surface: Surface) -> Surface:
+    """Without triangles that have a point twice."""
+    triangles = surface.triangles
+    whole = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
+    return surface if whole.all() else _keep(surface, whole)
+
+
+def _keep(surface: Surface, keep: IntArray) -> Surface:
+    """Some of the triangles, all points."""
+    return replace(
+        surface,
+        triangles=surface.triangles[keep],
+        cell_data={name: values[keep] for name, values in surface.cell_data.items()},
+    )
+
+
+def _degenerate(surface: Surface) -> Healed:
+    healed = _without_degenerate(surface)
+    if healed is surface:
+        return surface, NOWHERE
+    triangles = surface.triangles
+    twice = (triangles == np.roll(triangles, 1, axis=1)).any(axis=1)
+    return healed, surface.points[triangles[twice, 0]]
+
+
+def _duplicates(surface: Surface) -> Healed:
+    """Of triangles with the same three points one stays; none if the surface goes on without it.
+
+    Two that face each other on top of a surface that is whole are a blister without content.
+    """
+    ids, inverse, times = np.unique(np.sort(surface.triangles, axis=1), axis=0, return_inverse=True, return_counts=True)
+    if (times == 1).all():
+        return surface, NOWHERE
+    inverse = inverse.reshape(-1)
+    keep = np.ones(len(surface.triangles), bool)
+    usage = surface.edges.usage[surface.edges.of_triangle]
+    for group in np.flatnonzero(times > 1).tolist():
+        same = np.flatnonzero(inverse == group)
+        keep[same] = False
+        # Triangles beyond each edge; two is a whole surface without these.
+        if (usage[same[0]] - len(same) < 2).any():
+            keep[same[0]] = True
+    return _keep(surface, keep), surface.points[ids[times > 1]].mean(axis=1)
+
+
+def _largest_piece(surface: Surface) -> Healed:
+    """The piece with the largest area."""
+    if surface.component_count == 1:
+        return surface, NOWHERE
+    area = np.bincount(surface.components, surface.triangle_areas)
+    order = np.argsort(-area, kind="stable")
+    centres = surface.points[surface.triangles].mean(axis=1)
+    places = np.array([centres[surface.components == piece].mean(axis=0) for piece in order[1:]])
+    if area[order[1]] > SECOND_SHARE * area[order[0]]:
+        raise SurfaceError(
+            f"The surface has {len(area)} separate pieces; the second, at {place_text(places[0])}, has an area of "
+            f"{area[order[1]]:.0f} mm2 beside {area[order[0]]:.0f} mm2 of the largest. Expected one atrium, with small "
+            f"debris at most ({SECOND_SHARE:.0%}). Keep the right piece, or join them in the segmentation."
         )
-    # It is wall again, no opening with a cover.
-    data = dict(closed.point_data)
-    marks = data.pop(HOLE_ARRAY)
-    if HOLE_ARRAY in surface.point_data:
-        marks[len(surface.points) :] = 0
-        data[HOLE_ARRAY] = marks
-    return Surface(closed.points, closed.triangles, data, closed.cell_data, closed.field_data, closed.space)
+    return _keep(surface, surface.components == order[0]), places
+
+
+def _flaps(surface: Surface) -> Healed:
+    hanging = flaps(surface)
+    if len(hanging) == 0:
+        return surface, NOWHERE
+    keep = np.ones(len(surface.triangles), bool)
+    keep[hanging] = False
+    return _keep(surface, keep), surface.points[surface.triangles[hanging]].mean(axis=1)
+
+
+def _turned(surface: Surface) -> Healed:
+    turned = turned_alike(surface)
+    changed = (turned.triangles != surface.triangles).any(axis=1)
+    return turned, surface.points[surface.triangles[changed]].mean(axis=1)
+
+
+def _sheets(surface: Surface) -> Healed:
+    if surface.is_manifold:
+        return surface, NOWHERE
+    # Of the two ways to divide an edge, the wrong one leaves its points joined.
+    ways = [separate_sheets(surface, keep_lumen) for keep_lumen in (True, False)]
+    healed, divided = min(ways, key=lambda way: len(way[0].non_manifold_points))
+    return (healed, surface.points[divided]) if len(divided) else (surface, NOWHERE)
+
+
+def _needles(surface: Surface) -> Healed:
+    healed, joined = collapse_needles(surface)
+    return healed, surface.points[joined]
+
+
+def _pinholes(surface: Surface) -> Healed:
+    if not surface.is_manifold:
+        return surface, NOWHERE
+    small = [rim for rim in surface.boundary_loops if surface.loop_length(rim) <= PINHOLE_MM]
+    if not small:
+        return surface, NOWHERE
+    return patch_wall(surface, small), np.array([surface.points[rim].mean(axis=0) for rim in small])
+
+
+STEPS: tuple[tuple[str, Callable[[Surface], Healed]], ...] = (
+    (f"Points within {MERGE_MM:g} mm of another were merged with it", _merge),
+    ("Triangles with a point twice were dropped", _degenerate),
+    ("Duplicate triangles were dropped", _duplicates),
+    ("Small separate pieces were dropped", _largest_piece),
+    ("Triangles that hung on an edge of two others were dropped", _flaps),
+    ("Triangles were turned as their neighbours are", _turned),
+    ("Points where sheets touched were divided", _sheets),
+    ("Ends of needles were joined", _needles),
+    ("Flat triangles were turned", flip_flat),
+    ("Tips of spikes were moved back", flatten_spikes),
+    (f"Pinholes (rims up to {PINHOLE_MM:g} mm long) were closed", _pinholes),
+)
+
+PASSES = 5
+"""At most so many rounds of all steps."""
