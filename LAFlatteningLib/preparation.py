@@ -12,7 +12,7 @@ from ._version import __version__
 from .anatomy import LEFT_ATRIUM, Anatomy
 from .cavity.clipping import CutPlane
 from .cavity.handles import Handle, remove_handles
-from .cavity.healing import heal_surface
+from .cavity.healing import heal
 from .cavity.opening_up import open_up
 from .cavity.openings import check_surface
 from .cavity.plan import KEEP_MM, CutPlan, PlannedOpening, plan_cuts
@@ -153,7 +153,7 @@ def prepare(
     result.seconds = watch.seconds
     with watch.stage("clean"):
         report(progress, 0.0, "Checking the surface")
-        healed, healing = heal_surface(surface)
+        healed, healing = heal(surface)
         result.repairs += healing
         result.surface, notes = check_surface(healed, handles_allowed=True)
         result.repairs += notes
@@ -161,7 +161,7 @@ def prepare(
         result.surface = _remeshed(result.surface, settings.points, part(progress, 0.05, 0.3))
     with watch.stage("handles"):
         result.surface, result.handles = remove_handles(
-            result.surface, settings.widest_handle_mm, part(progress, 0.3, 0.4)
+            result.surface, widest_mm=settings.widest_handle_mm, progress=part(progress, 0.3, 0.4)
         )
     with watch.stage("plan"):
         result.plan = plan_cuts(
@@ -222,7 +222,11 @@ def _handle_in_words(handle: Handle, plan: CutPlan, anatomy: Anatomy) -> str:
 
     first, second = sorted(anatomy.holes, key=distance)[:2]
     verb = "Cut" if handle.kind == "bridge" else "Filled"
-    return f"{verb} a {handle}, between {first} and {second}."
+    place = ", ".join(f"{x:.1f}" for x in handle.place_mm)
+    return (
+        f"{verb} a {handle.kind} {handle.width_mm:.1f} mm wide between {first} and {second}, at ({place}) mm; check that "
+        "it was none of the heart's."
+    )
 
 
 def _sizes(surface: Surface) -> dict[str, Any]:

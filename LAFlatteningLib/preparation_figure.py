@@ -10,7 +10,7 @@ import numpy as np
 from ._version import __version__
 from .carrying import closest_points
 from .figures import INSIDE, RIM_COLOUR
-from .page import FAINT, HEADING_SIZE, INK, SMALL_SIZE, TEXT_SIZE, TITLE_SIZE, save_page
+from .page import FAINT, HEADING_SIZE, INK, SMALL_SIZE, TEXT_SIZE, TITLE_SIZE, save_page, write_text
 from .preparation import Preparation
 from .shading import OPPOSITE, View, rasterise, shade, standard_view
 from .surface import Surface

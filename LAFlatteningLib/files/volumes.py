@@ -33,6 +33,8 @@ _IMAGE_IO = {
     ".mha": "MetaImageIO",
     ".mhd": "MetaImageIO",
 }
+VOLUME_SUFFIXES = tuple(_IMAGE_IO)
+"""Extensions of the files that `read_volume` reads."""
 _WRITTEN = (".nrrd", ".nii.gz", ".nii", ".mha")
 """Formats of one file: those of two (.nhdr, .mhd) could be left half-written."""
 _TEXT_HEADER_BYTES = 1 << 20

@@ -7,7 +7,6 @@ from .shape import PhantomShape
 
 __all__ = [
     "DEFAULT_SCAR",
-    "Bridge",
     "Gap",
     "LgeModel",
     "Phantom",
