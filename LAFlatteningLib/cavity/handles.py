@@ -158,7 +158,7 @@ def _cut_and_cover(surface: Surface, loop: IntArray) -> tuple[Surface, Handle] |
     if cut is None:
         return None
     closed = patch_wall(cut.surface, cut.rims)
-    if closed.genus != surface.genus - 1 or closed.component_count > 1 or not closed.is_manifold:
+    if not closed.is_manifold or closed.component_count > 1 or closed.genus != surface.genus - 1:
         return None
     inner = closed.points[len(cut.surface.points) :]
     inside = np.abs(winding_number(surface, inner[:: max(1, len(inner) // WINDING_PLACES)])) > 0.5
