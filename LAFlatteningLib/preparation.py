@@ -224,8 +224,8 @@ def _handle_in_words(handle: Handle, plan: CutPlan, anatomy: Anatomy) -> str:
     verb = "Cut" if handle.kind == "bridge" else "Filled"
     place = ", ".join(f"{x:.1f}" for x in handle.place_mm)
     return (
-        f"{verb} a {handle.kind} {handle.width_mm:.1f} mm wide between {first} and {second}, at ({place}) mm; check that "
-        "it was none of the heart's."
+        f"{verb} a {handle.kind} {handle.width_mm:.1f} mm wide between {first} and {second}, at ({place}) mm; check "
+        "that it was none of the heart's."
     )
 
 

@@ -34,6 +34,8 @@ LONG_STUMP_MM = 8.0
 """An open vein is cut again only where more than this would be cut off: one that was cut before stays as it is."""
 TUBE_SPREAD = 1.5
 """... and only if it is a tube that far: not wider in one place than in another by more than this."""
+SMALLEST_RIM_MM = 10.0
+"""No vein is so narrow (3 mm) where it is cut: that would be its very tip."""
 TIP_TO_SURFACE_MM = 10.0
 """A tip given by the user may be so far from the surface."""
 EXTRA_RISE_MM = 4.0
@@ -175,7 +177,7 @@ class _Planner:
                 f"{hole} is short: {kept:.1f} mm stay beyond its ostium, where {self.keep_mm[hole]:g} were asked for."
             )
         section = plane_section(self.closed, centre, normal)
-        if section is None or not section.around:
+        if section is None or not section.around or section.perimeter < SMALLEST_RIM_MM:
             place = ", ".join(f"{x:.0f}" for x in centre)
             raise SurfaceError(
                 f"No plane was found that cuts {hole} off near ({place}) mm. Give its plane yourself (--planes), or "
