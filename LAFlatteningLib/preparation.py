@@ -157,12 +157,13 @@ def prepare(
         result.repairs += healing
         result.surface, notes = check_surface(healed, handles_allowed=True)
         result.repairs += notes
-    with watch.stage("remesh"):
-        result.surface = _remeshed(result.surface, settings.points, part(progress, 0.05, 0.3))
     with watch.stage("handles"):
+        # Before remeshing: a handle may be narrower than the new triangles.
         result.surface, result.handles = remove_handles(
-            result.surface, widest_mm=settings.widest_handle_mm, progress=part(progress, 0.3, 0.4)
+            result.surface, widest_mm=settings.widest_handle_mm, progress=part(progress, 0.05, 0.2)
         )
+    with watch.stage("remesh"):
+        result.surface = _remeshed(result.surface, settings.points, part(progress, 0.2, 0.4))
     with watch.stage("plan"):
         result.plan = plan_cuts(
             result.surface,

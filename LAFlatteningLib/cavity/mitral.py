@@ -12,7 +12,7 @@ from ..surface import FloatArray, Surface
 from .clipping import CutPlane
 from .sections import Section, plane_section
 
-BEYOND = 1.0 / 3.0
+BEYOND = 0.32
 """The plane lies this share of the body's length beyond its centroid. Published are .35, and .45 for round atria; the
 published cuts of two atria lie at .31 and .34, that of experts in a third, round one at .37."""
 FLAT_ANGLE_DEGREES = 60.0

@@ -40,6 +40,8 @@ TIP_TO_SURFACE_MM = 10.0
 """A tip given by the user may be so far from the surface."""
 EXTRA_RISE_MM = 4.0
 """A further protrusion that stands out by this, with an ostium, is an extra vein."""
+SMALLEST_EXTRA_MM = 15.0
+"""... if it is so long round (5 mm wide); less is a twig or noise, and hardly disturbs a map."""
 OWN_OPENING_MM = 2.0
 """Tips nearer than this to an open rim's cover are that opening."""
 
@@ -512,6 +514,8 @@ def _extra_veins(
         centre, normal, kept = c.ostium.plane_at(0.0)
         section = plane_section(planner.closed, centre, normal)
         if section is None or not section.around or section.diameter > WIDEST_VEIN_MM:
+            continue
+        if section.perimeter < SMALLEST_EXTRA_MM:
             continue
         nearest = min(named, key=lambda hole: float(np.linalg.norm(openings[hole].plane.centre - centre)), default="")
         place = f" near {nearest}" if nearest else ""

@@ -182,3 +182,8 @@ def _refuse_other_axes(
             f"{_UNLIKE} in patient axes ({space}), but would if turned by {turned.degrees:.0f} degrees. Check the axes "
             "of the file (LPS or RAS), or give --ignore-axes if its axes are not the patient's."
         )
+    if other.misfit <= min(better, MIRROR_RATIO * turned.misfit):
+        raise SurfaceError(
+            f"{_UNLIKE}, but as in its mirror image, turned by {other.degrees:.0f} degrees. Check the direction matrix of "
+            "the image and the patient axes of the file."
+        )
