@@ -28,6 +28,9 @@ SMALLEST_RIM = 8
 LEAST_COSINE = 0.3
 """A change may turn the normal of no triangle by more than the angle with this cosine (73 degrees)."""
 
+THIN = 0.01
+"""Triangles with less area than this, in squares of their longest side, have hardly any."""
+
 
 @dataclass(eq=False)
 class WorkMesh:
@@ -155,10 +158,10 @@ def collapse_edges(mesh: WorkMesh, chosen: BoolArray, longest: float = np.inf, m
     possible = np.flatnonzero(possible)
     possible = possible[np.argsort(length[possible], kind="stable")]
     a, b = a[possible], b[possible]
-    # The higher id goes, unless only that one is on a rim.
-    gone = np.where(on_rim[b] & ~on_rim[a], a, b)
-    kept = np.where(gone == a, b, a)
+    # The one with fewer neighbours goes, unless only that one is on a rim.
     degree = np.bincount(edges.points.reshape(-1), minlength=n)
+    gone = np.where((degree[a] < degree[b]) & (on_rim[a] == on_rim[b]) | (on_rim[b] & ~on_rim[a]), a, b)
+    kept = np.where(gone == a, b, a)
     rank = np.full(n, len(possible), np.int64)
     np.minimum.at(rank, gone, np.arange(len(possible)))
     target = np.full(n, -1, np.int64)
@@ -231,10 +234,17 @@ def _collapsible(
 
 
 def _same_side(points: FloatArray, before: IntArray, after: IntArray) -> BoolArray:
-    """Whether triangles keep their normals, about."""
+    """Whether triangles keep their normals, about; what has hardly any area has no normal to keep."""
     old, new = operators.area_vectors(points, before), operators.area_vectors(points, after)
-    size = np.linalg.norm(old, axis=1) * np.linalg.norm(new, axis=1)
-    return np.einsum("ij,ij->i", old, new) > LEAST_COSINE * size
+    old_size, new_size = np.linalg.norm(old, axis=1), np.linalg.norm(new, axis=1)
+    longest = max_side(points, before)
+    return (old_size < THIN * longest**2) | (np.einsum("ij,ij->i", old, new) > LEAST_COSINE * old_size * new_size)
+
+
+def max_side(points: FloatArray, triangles: IntArray) -> FloatArray:
+    """(m,) longest side of each triangle."""
+    corners = points[triangles]
+    return np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
 
 
 def _independent(rank: IntArray, none: int, ends: IntArray) -> IntArray:
@@ -273,6 +283,9 @@ def _independent(rank: IntArray, none: int, ends: IntArray) -> IntArray:
 def flip_edges(mesh: WorkMesh, bent: float = -1.0) -> int:
     """Flip edges opposite to which the two angles sum to more than 180 degrees (so that they become Delaunay).
 
+    Edges that cut an ear off a rim, a triangle with two edges on it, are flipped in any case: where the rim is straight
+    an ear has no area, and on a map it would fold.
+
     Parameters
     ----------
     bent : edges at which the cosine of the turn is smaller stay, because they are creases; by default none are.
@@ -284,6 +297,9 @@ def flip_edges(mesh: WorkMesh, bent: float = -1.0) -> int:
     edges, n, m = mesh.edges, len(mesh.points), len(mesh.triangles)
     cotangent = operators.cotangents(mesh.points, mesh.triangles)
     total = np.bincount(edges.of_triangle.reshape(-1), cotangent.reshape(-1), minlength=len(edges.points))
+    degree = np.bincount(edges.points.reshape(-1), minlength=n)
+    tips = degree[mesh.triangles] == 2
+    total[edges.of_triangle[tips]] = -np.inf
     bad = np.flatnonzero((total < -1e-6) & (edges.usage == 2))
     if len(bad) == 0:
         return 0
@@ -300,13 +316,13 @@ def flip_edges(mesh: WorkMesh, bent: float = -1.0) -> int:
     key = np.minimum(c, d) * n + np.maximum(c, d)
     present = edges.points[:, 0] * n + edges.points[:, 1]
     place = np.minimum(np.searchsorted(present, key), len(present) - 1)
-    degree = np.bincount(edges.points.reshape(-1), minlength=n)
-    least = np.where(mesh.rim >= 0, 2, 3)
-    good = (turn >= bent) & (present[place] != key) & (degree[a] > least[a]) & (degree[b] > least[b])
+    is_ear = tips.any(axis=1)
+    ear = is_ear[first] | is_ear[second]
+    good = (present[place] != key) & (ear | ((turn >= bent) & (degree[a] > 3) & (degree[b] > 3)))
     one, two = np.stack([c, a, d], 1), np.stack([d, b, c], 1)
     for new in (one, two):
         for old in (first, second):
-            good &= _same_side(mesh.points, mesh.triangles[old], new)
+            good &= is_ear[old] | _same_side(mesh.points, mesh.triangles[old], new)
     bad, first, second, one, two, key = (x[good] for x in (bad, first, second, one, two, key))
     ends = np.stack([a[good], b[good]], axis=1)
     if len(bad) == 0:

@@ -34,6 +34,8 @@ ROUNDS = 3
 """Rounds of splitting, collapsing, flipping and evening out."""
 LAST_ROUNDS = 3
 """Rounds of flipping and evening out once the number of points is right."""
+THIN_DEGREES = 15.0
+"""Triangles with a smaller angle are removed at last, if there are any."""
 OTHER_WALL = -0.5
 """Where normals differ by more than the angle with this cosine (120 degrees), a place is on another wall."""
 FARTHEST_STEP = 0.5
@@ -163,6 +165,19 @@ def remesh(
         if k == LAST_ROUNDS - 1 or len(creases[0]):
             _put_on(mesh, surface, creases, length)
     _flip(mesh, bent, times=8)
+    for _ in range(LAST_ROUNDS):
+        thin = smallest_angles(mesh) < THIN_DEGREES
+        if not thin.any():
+            break
+        report(progress, 0.85, "Removing thin triangles")
+        chosen = np.zeros(len(mesh.edges.points), bool)
+        chosen[mesh.edges.of_triangle[thin]] = True
+        mesh_edits.collapse_edges(mesh, chosen, LONG * length)
+        _flip(mesh, bent)
+        _fit_number(mesh, wanted, bent)
+        _even_out(mesh, rims, length)
+        _put_on(mesh, surface, creases, length)
+        _flip(mesh, bent, times=8)
     report(progress, 0.9, "Carrying the data over")
     made = Surface(mesh.points, mesh.triangles, space=surface.space)
     _check_kept(surface, made, wanted)
@@ -262,6 +277,11 @@ def _flip(mesh: WorkMesh, bent: float, times: int = 3) -> None:
     for _ in range(times):
         if mesh_edits.flip_edges(mesh, bent) < 1e-3 * len(mesh.triangles):
             return
+
+
+def smallest_angles(mesh: WorkMesh) -> FloatArray:
+    """(m,) the smallest angle of each triangle, degrees."""
+    return np.degrees(np.arctan2(1.0, operators.cotangents(mesh.points, mesh.triangles).max(axis=1)))
 
 
 def _even_out(mesh: WorkMesh, rims: list[Rim], length: float) -> None:
