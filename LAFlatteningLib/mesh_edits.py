@@ -68,7 +68,12 @@ class WorkMesh:
     def edge_lengths(self) -> FloatArray:
         """(e,) mm."""
         a, b = self.edges.points.T
-        return np.linalg.norm(self.points[a] - self.points[b], axis=1)
+        return norms(self.points[a] - self.points[b])
+
+
+def norms(vectors: FloatArray) -> FloatArray:
+    """(n,) lengths of vectors (n, k); several times faster than numpy's own on short ones."""
+    return np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
 
 
 def split_edges(mesh: WorkMesh, chosen: BoolArray) -> None:
@@ -111,8 +116,8 @@ def split_edges(mesh: WorkMesh, chosen: BoolArray) -> None:
         # Turned so that the side opposite corner p is whole; the others have middles on r-p and p-q.
         _, (p, q, r), m = _turned(t, middle, rows, (~cut[rows]).argmax(axis=1))
         parts.append(np.stack([p, m[2], m[1]], 1))
-        across = np.linalg.norm(mesh.points[q] - mesh.points[m[1]], axis=1)
-        other = np.linalg.norm(mesh.points[r] - mesh.points[m[2]], axis=1)
+        across = norms(mesh.points[q] - mesh.points[m[1]])
+        other = norms(mesh.points[r] - mesh.points[m[2]])
         first = (across < other)[:, None]
         parts.append(np.where(first, np.stack([q, m[1], m[2]], 1), np.stack([q, r, m[2]], 1)))
         parts.append(np.where(first, np.stack([q, r, m[1]], 1), np.stack([r, m[1], m[2]], 1)))
@@ -208,7 +213,7 @@ def _collapsible(
     of = index[start]
     start, end, of = start[of >= 0], end[of >= 0], of[of >= 0]
     reach = target[start]
-    far = np.linalg.norm(mesh.points[end] - mesh.points[reach], axis=1) > longest
+    far = norms(mesh.points[end] - mesh.points[reach]) > longest
     key = np.minimum(end, reach) * n + np.maximum(end, reach)
     present = ends[:, 0] * n + ends[:, 1]
     place = np.minimum(np.searchsorted(present, key), len(present) - 1)
@@ -236,15 +241,15 @@ def _collapsible(
 def _same_side(points: FloatArray, before: IntArray, after: IntArray) -> BoolArray:
     """Whether triangles keep their normals, about; what has hardly any area has no normal to keep."""
     old, new = operators.area_vectors(points, before), operators.area_vectors(points, after)
-    old_size, new_size = np.linalg.norm(old, axis=1), np.linalg.norm(new, axis=1)
+    old_size, new_size = norms(old), norms(new)
     longest = max_side(points, before)
     return (old_size < THIN * longest**2) | (np.einsum("ij,ij->i", old, new) > LEAST_COSINE * old_size * new_size)
 
 
 def max_side(points: FloatArray, triangles: IntArray) -> FloatArray:
     """(m,) longest side of each triangle."""
-    corners = points[triangles]
-    return np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    p, q, r = (points[triangles[:, k]] for k in range(3))
+    return np.maximum(np.maximum(norms(q - p), norms(r - q)), norms(p - r))
 
 
 def _independent(rank: IntArray, none: int, ends: IntArray) -> IntArray:
@@ -308,7 +313,7 @@ def flip_edges(mesh: WorkMesh, bent: float = -1.0) -> int:
     side = (edges.of_triangle[first] == bad[:, None]).argmax(axis=1)
     other = (edges.of_triangle[second] == bad[:, None]).argmax(axis=1)
     facing = operators.area_vectors(mesh.points, mesh.triangles)
-    size = np.maximum(np.linalg.norm(facing, axis=1), 1e-300)
+    size = np.maximum(norms(facing), 1e-300)
     turn = np.einsum("ij,ij->i", facing[first], facing[second]) / (size[first] * size[second])
     # Triangles (c, a, b) and (d, b, a) become (c, a, d) and (d, b, c).
     c, a, b = (mesh.triangles[first, (side + k) % 3] for k in range(3))

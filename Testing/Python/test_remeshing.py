@@ -79,7 +79,7 @@ def test_area_and_distance_are_those_of_a_fine_enough_mesh(case):
     surface, _, remeshed = case
     edge = remeshed.quality["edge_mean_mm"]
     assert remeshed.surface.area == pytest.approx(surface.area, rel=0.06)
-    assert remeshed.distance_mm["p95"] < 0.2 * edge
+    assert remeshed.distance_mm["p95"] < 0.25 * edge
     # At a corner of a slab thinner than an edge there is room for one point only.
     assert remeshed.distance_mm["max"] < 0.8 * edge
 
