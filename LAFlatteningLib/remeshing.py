@@ -279,7 +279,7 @@ def _remove_thin(mesh: WorkMesh, wanted: int, bent: float, length: float) -> boo
         thin = smallest_angles(mesh) < THIN_DEGREES
         if not 0 < np.count_nonzero(thin) < left:
             break
-        left = np.count_nonzero(thin)
+        left = int(np.count_nonzero(thin))
         chosen = np.zeros(len(mesh.edges.points), bool)
         chosen[mesh.edges.of_triangle[thin]] = True
         if mesh_edits.collapse_edges(mesh, chosen, LONG * length):
