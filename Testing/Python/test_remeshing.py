@@ -214,6 +214,19 @@ def test_surfaces_of_another_kind_are_refused():
         remesh(two, points=200)
 
 
+def test_points_that_no_triangle_uses_are_left_out_and_still_get_values_back():
+    ball = meshes.icosphere(20.0, 3)
+    points = np.concatenate([ball.points, [[0.0, 0.0, 25.0]]])
+    remeshed = remesh(Surface(points, ball.triangles, {"z": points[:, 2]}), points=400)
+    assert remeshed.surface.used_points.all()
+    back = remeshed.to_source(remeshed.surface.point_data["z"])
+    assert len(back) == len(points)
+    # The stray point gets the value of the place nearest to it, on the inscribed mesh.
+    assert back[-1] == pytest.approx(20.0, abs=0.3)
+    with pytest.raises(SurfaceError, match="Expected a value for each of the 400 points"):
+        remeshed.to_source(np.zeros(7))
+
+
 def test_cancelling_stops_the_work():
     with pytest.raises(Cancelled):
         remesh(meshes.icosphere(40.0, 3), points=500, progress=lambda share, text: share < 0.3)
