@@ -30,7 +30,7 @@ SHORT, LONG = 0.8, 4.0 / 3.0
 """Edges shorter or longer than this, in wanted lengths, are collapsed or split (Botsch and Kobbelt 2004)."""
 MANY = 0.5
 """Where a larger share of the edges is too short, whole clusters are contracted."""
-ROUNDS = 3
+ROUNDS = 2
 """Rounds of splitting, collapsing, flipping and evening out."""
 LAST_ROUNDS = 3
 """Rounds of flipping and evening out once the number of points is right."""
