@@ -24,6 +24,7 @@ bench: $(VENV)/bench.stamp
 	$(BIN)/python Testing/Benchmarks/bench_flattening.py
 	$(BIN)/python Testing/Benchmarks/bench_distortion.py
 	$(BIN)/python Testing/Benchmarks/bench_independence.py
+	$(BIN)/python Testing/Benchmarks/bench_remeshing.py
 	$(BIN)/python Testing/Benchmarks/bench_seeds.py
 	$(BIN)/python Testing/Benchmarks/bench_stress.py
 	$(BIN)/python Testing/Benchmarks/bench_labels.py

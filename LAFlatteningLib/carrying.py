@@ -137,14 +137,14 @@ def interpolate(values: Array, corners: IntArray, weights: FloatArray) -> Array:
 
     Returns
     -------
-    (k,) or (k, c) of the same type. Measured (floating) values are interpolated; where corners are NaN, between the
-    others. Labels (`holds_labels`) are those of the corner with the largest weight.
+    (k,) or (k, c) of the same type. Measured (floating) values are interpolated; where corners are NaN or infinite,
+    between the others. Labels (`holds_labels`) are those of the corner with the largest weight.
     """
     if holds_labels(values):
         return values[np.take_along_axis(corners, weights.argmax(axis=1)[:, None], axis=1)[:, 0]]
     at_corners = values[corners]
     weights = weights.reshape(weights.shape + (1,) * (values.ndim - 1))
-    missing = np.isnan(at_corners)
+    missing = ~np.isfinite(at_corners)
     if missing.any():
         weights = np.where(missing, 0.0, weights)
         total = weights.sum(axis=1)

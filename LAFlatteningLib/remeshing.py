@@ -18,7 +18,7 @@ from .carrying import Closest, carry, closest_points, interpolate
 from .clusters import contract_clusters
 from .creases import SHARP_COSINE, crease_samples, sharpened
 from .errors import SurfaceError
-from .mesh_edits import WorkMesh
+from .mesh_edits import WorkMesh, norms
 from .progress import ProgressCallback, part, report
 from .rim_points import Rim
 from .surface import Array, FloatArray, Surface
@@ -30,10 +30,12 @@ SHORT, LONG = 0.8, 4.0 / 3.0
 """Edges shorter or longer than this, in wanted lengths, are collapsed or split (Botsch and Kobbelt 2004)."""
 MANY = 0.5
 """Where a larger share of the edges is too short, whole clusters are contracted."""
-ROUNDS = 3
+ROUNDS = 2
 """Rounds of splitting, collapsing, flipping and evening out."""
 LAST_ROUNDS = 3
 """Rounds of flipping and evening out once the number of points is right."""
+THIN_DEGREES = 15.0
+"""Triangles with a smaller angle are removed at last, if there are any."""
 OTHER_WALL = -0.5
 """Where normals differ by more than the angle with this cosine (120 degrees), a place is on another wall."""
 FARTHEST_STEP = 0.5
@@ -152,7 +154,8 @@ def remesh(
         _flip(mesh, bent)
         _even_out(mesh, rims, length)
         _flip(mesh, bent)
-        if k == 1 or len(creases[0]):
+        _sharpen(mesh, creases, length)
+        if k == 1:
             _put_on(mesh, surface, creases, length)
     report(progress, 0.6, "Fitting the number of points")
     _fit_number(mesh, wanted, bent)
@@ -160,9 +163,13 @@ def remesh(
         report(progress, 0.7 + 0.05 * k, "Evening out the triangles")
         _flip(mesh, bent)
         _even_out(mesh, rims, length)
-        if k == LAST_ROUNDS - 1 or len(creases[0]):
-            _put_on(mesh, surface, creases, length)
+        _sharpen(mesh, creases, length)
+    _put_on(mesh, surface, creases, length)
     _flip(mesh, bent, times=8)
+    if _remove_thin(mesh, wanted, bent, length):
+        _even_out(mesh, rims, length)
+        _put_on(mesh, surface, creases, length)
+        _flip(mesh, bent, times=8)
     report(progress, 0.9, "Carrying the data over")
     made = Surface(mesh.points, mesh.triangles, space=surface.space)
     _check_kept(surface, made, wanted)
@@ -264,12 +271,35 @@ def _flip(mesh: WorkMesh, bent: float, times: int = 3) -> None:
             return
 
 
+def _remove_thin(mesh: WorkMesh, wanted: int, bent: float, length: float) -> bool:
+    """Collapse edges of thin triangles, if there are any, and split others instead; whether anything was changed."""
+    changed = False
+    left = len(mesh.triangles)
+    for _ in range(LAST_ROUNDS):
+        thin = smallest_angles(mesh) < THIN_DEGREES
+        if not 0 < np.count_nonzero(thin) < left:
+            break
+        left = int(np.count_nonzero(thin))
+        chosen = np.zeros(len(mesh.edges.points), bool)
+        chosen[mesh.edges.of_triangle[thin]] = True
+        if mesh_edits.collapse_edges(mesh, chosen, LONG * length):
+            changed = True
+            _flip(mesh, bent)
+            _fit_number(mesh, wanted, bent)
+    return changed
+
+
+def smallest_angles(mesh: WorkMesh) -> FloatArray:
+    """(m,) the smallest angle of each triangle, degrees."""
+    return np.degrees(np.arctan2(1.0, operators.cotangents(mesh.points, mesh.triangles).max(axis=1)))
+
+
 def _even_out(mesh: WorkMesh, rims: list[Rim], length: float) -> None:
     """Move points to the centroids of their surroundings: inside along the surface, on rims along the rim."""
     normals = operators.point_normals(mesh.points, mesh.triangles)
     step = mesh_edits.star_centroids(mesh.points, mesh.triangles) - mesh.points
     step -= np.einsum("ij,ij->i", step, normals)[:, None] * normals
-    size = np.linalg.norm(step, axis=1)
+    size = norms(step)
     step *= np.minimum(1.0, FARTHEST_STEP * length / np.where(size > 0, size, 1.0))[:, None]
     step[mesh.rim >= 0] = 0.0
     goal = mesh.points + step
@@ -285,12 +315,12 @@ def _even_out(mesh: WorkMesh, rims: list[Rim], length: float) -> None:
 def _move(mesh: WorkMesh, goal: FloatArray, along: FloatArray) -> None:
     """Move points to their goals, except where that would turn a triangle over."""
     before = operators.area_vectors(mesh.points, mesh.triangles)
-    size = np.linalg.norm(before, axis=1)
+    size = norms(before)
     held = np.zeros(len(goal), bool)
     for _ in range(10):
         points = np.where(held[:, None], mesh.points, goal)
         after = operators.area_vectors(points, mesh.triangles)
-        new_size = np.linalg.norm(after, axis=1)
+        new_size = norms(after)
         turned = np.einsum("ij,ij->i", before, after) < 0.5 * size * new_size
         # Thin triangles may get better, but none thinner.
         turned |= new_size < 0.1 * size
@@ -301,16 +331,21 @@ def _move(mesh: WorkMesh, goal: FloatArray, along: FloatArray) -> None:
         held[mesh.triangles[turned]] = True
 
 
+def _sharpen(mesh: WorkMesh, creases: tuple[FloatArray, FloatArray], length: float) -> None:
+    """Move inner points onto creases that are near."""
+    if len(creases[0]):
+        sharp = sharpened(Surface(mesh.points, mesh.triangles), *creases, length)
+        _move(mesh, np.where(mesh.rim[:, None] < 0, sharp, mesh.points), mesh.along)
+
+
 def _put_on(mesh: WorkMesh, surface: Surface, creases: tuple[FloatArray, FloatArray], length: float) -> None:
     """Move inner points onto creases that are near, then all to the closest place on the surface that does not face
     the other way (another wall)."""
     inner = np.flatnonzero(mesh.rim < 0)
-    if len(creases[0]):
-        sharp = sharpened(Surface(mesh.points, mesh.triangles), *creases, length)
-        _move(mesh, np.where(mesh.rim[:, None] < 0, sharp, mesh.points), mesh.along)
+    _sharpen(mesh, creases, length)
     normals = operators.point_normals(mesh.points, mesh.triangles)[inner]
     facing = operators.area_vectors(surface.points, surface.triangles)
-    facing /= np.maximum(np.linalg.norm(facing, axis=1), 1e-300)[:, None]
+    facing /= np.maximum(norms(facing), 1e-300)[:, None]
     closest = closest_points(surface, mesh.points[inner])
     goal = mesh.points.copy()
     goal[inner] = closest.positions

@@ -30,7 +30,7 @@ def add(commands: Subcommands) -> None:
         "surface",
         metavar="SURFACE",
         help="atrium in mm, open at four veins, appendage and mitral valve, or with covers marked by a point array "
-        f'"{HOLE_ARRAY}" = 1 (.vtk .vtp .stl .ply .obj)',
+        f'"{HOLE_ARRAY}" = 1 (.vtk .vtp .stl .ply .obj .mesh .mat)',
     )
     flat.add_argument(
         "--seeds",

@@ -24,7 +24,7 @@ def add(commands: Subcommands) -> None:
         "Say what a surface file holds: openings, topology, arrays, probable units and axes.",
         "la-flatten info atrium.vtp",
     )
-    info.add_argument("surface", metavar="SURFACE", help="surface file (.vtk .vtp .stl .ply .obj)")
+    info.add_argument("surface", metavar="SURFACE", help="surface file (.vtk .vtp .stl .ply .obj .mesh .mat)")
 
 
 def run(options: argparse.Namespace, progress: Progress) -> None:

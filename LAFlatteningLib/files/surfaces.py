@@ -1,4 +1,4 @@
-"""Triangle surfaces: .vtp, .vtk (legacy), .stl, .ply, .obj."""
+"""Triangle surfaces (.vtp, .vtk, .stl, .ply, .obj) and electroanatomical maps (.mesh of CARTO 3, .mat of OpenEP)."""
 
 from __future__ import annotations
 
@@ -25,12 +25,17 @@ from .access import (
     space_in,
     unreadable,
 )
+from .carto import read_carto
 from .legacy_vtk import read_vtk
+from .openep import read_openep
 from .ply_obj import read_obj, read_ply, write_obj, write_ply
 
 
 def read_surface(path: PathLike) -> Surface:
-    """Read a triangle surface with its arrays: .vtp, .vtk (legacy), .stl, .ply or .obj, in upper or lower case.
+    """Read a triangle surface with its arrays, by its extension in upper or lower case.
+
+    .vtp, .vtk (legacy), .stl, .ply, .obj; electroanatomical maps: .mesh (CARTO 3, see `carto.read_carto`) and .mat
+    (OpenEP, see `openep.read_openep`).
 
     Points are in mm. `Surface.space` is what the file declares, as 3D Slicer declares it ("SPACE=RAS" in the header
     or comment, a string array "SPACE" in .vtp), and "LPS" where it declares nothing. Points of an .stl file with
@@ -188,5 +193,8 @@ def _write_stl(surface: Surface, path: Path) -> None:
     _run_writer(vtkSTLWriter(), surface, path)
 
 
-_READERS = {".vtp": _read_vtp, ".vtk": read_vtk, ".stl": _read_stl, ".ply": read_ply, ".obj": read_obj}
+_READERS = {
+    **{".vtp": _read_vtp, ".vtk": read_vtk, ".stl": _read_stl, ".ply": read_ply, ".obj": read_obj},
+    **{".mesh": read_carto, ".mat": read_openep},
+}
 _WRITERS = {".vtp": _write_vtp, ".vtk": _write_vtk, ".stl": _write_stl, ".ply": write_ply, ".obj": write_obj}

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy import sparse
-from vtkmodules.vtkCommonCore import reference
-from vtkmodules.vtkCommonDataModel import vtkGenericCell, vtkStaticCellLocator
 from vtkmodules.vtkFiltersCore import vtkQuadricDecimation
 
+from ..carrying import closest_points
 from ..surface import FloatArray, IntArray, Surface
 from ..template import Template
 from .flat_map import FlatMap
@@ -118,32 +116,14 @@ class Carrier:
     """
 
     def __init__(self, coarse: Surface, surface: Surface) -> None:
-        locator = vtkStaticCellLocator()
-        locator.SetDataSet(coarse.to_polydata())
-        locator.BuildLocator()
-        n = len(surface.points)
-        triangle = np.empty(n, np.int64)
-        nearest = np.empty((n, 3))
-        at = [0.0, 0.0, 0.0]
-        # Out-parameters, which the type stubs of VTK take for numbers.
-        cell_id: Any = reference(0)
-        rest: Any = (reference(0), reference(0.0))
-        cell = vtkGenericCell()
-        for k, point in enumerate(surface.points.tolist()):
-            locator.FindClosestPoint(point, at, cell, cell_id, *rest)
-            triangle[k] = int(cell_id)
-            nearest[k] = at
-        self.triangle = triangle
+        closest = closest_points(coarse, surface.points)
+        self.triangle = closest.triangle
         """(n,) the triangle of the copy nearest to each point of the surface."""
-        corners = coarse.triangles[triangle]
-        a, b, c = (coarse.points[corners[:, k]] for k in range(3))
-        u, v, w = b - a, c - a, nearest - a
-        uu, uv, vv, wu, wv = (np.einsum("ij,ij->i", x, y) for x, y in ((u, u), (u, v), (v, v), (w, u), (w, v)))
-        determinant = np.maximum(uu * vv - uv * uv, 1e-300)
-        second, third = (vv * wu - uv * wv) / determinant, (uu * wv - uv * wu) / determinant
-        shares = np.stack([1.0 - second - third, second, third], axis=1)
+        n = len(surface.points)
+        corners = coarse.triangles[closest.triangle]
         self._matrix = sparse.csr_matrix(
-            (shares.reshape(-1), corners.reshape(-1), np.arange(0, 3 * n + 1, 3)), shape=(n, len(coarse.points))
+            (closest.weights.reshape(-1), corners.reshape(-1), np.arange(0, 3 * n + 1, 3)),
+            shape=(n, len(coarse.points)),
         )
 
     def __call__(self, values: FloatArray) -> FloatArray:

@@ -113,11 +113,14 @@ def test_labels_stay_labels_and_text_is_left_out(linear):
 
 def test_corners_without_a_value_are_left_out():
     triangle = Surface(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
-    surface = triangle.with_data({"one": np.array([1.5, 4.5, np.nan]), "none": np.full(3, np.nan)})
+    surface = triangle.with_data(
+        {"one": np.array([1.5, 4.5, np.nan]), "none": np.full(3, np.nan), "far": np.array([1.5, 4.5, np.inf])}
+    )
     carried = carry(surface, np.array([[0.25, 0.5, 0.0], [0.0, 1.0, 0.0]]))
     # Weights .25 and .25 of the two corners that have a value; the second place is the corner that has none.
     np.testing.assert_allclose(carried.point_data["one"], [3.0, np.nan])
     assert np.isnan(carried.point_data["none"]).all()
+    np.testing.assert_allclose(carried.point_data["far"], [3.0, np.nan])
 
 
 def test_few_whole_numbers_are_labels_and_many_are_measured():
