@@ -28,8 +28,8 @@ def space_in(notes: str) -> str:
 def atomic_write(path: PathLike) -> Iterator[Path]:
     """Write a file as a whole or not at all: ``with atomic_write("map.vtp") as temporary: ...`` writes `temporary`.
 
-    The temporary file is in the same folder and has the same extension. It takes the place of `path` when the block
-    ends; after an error in the block it is removed, and an older file at `path` is as it was.
+    The temporary file is in the same folder and has the same extension (.nii.gz too). It takes the place of `path` when
+    the block ends; after an error in the block it is removed, and an older file at `path` is as it was.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def atomic_write(path: PathLike) -> Iterator[Path]:
             raise InputFileError(f'"{path}" cannot be written: "{folder}" {reason}. Choose or create another folder.')
         if target.exists() and not target.is_file():
             raise InputFileError(f'"{path}" cannot be written: it is not a file. Choose another name.')
-        temporary = folder / f".{target.stem}.{secrets.token_hex(4)}{target.suffix}"
+        temporary = folder / f".{secrets.token_hex(4)}.{target.name}"
         temporary.touch(exist_ok=False)
     except OSError as error:
         raise unwritable(path, error) from error

@@ -9,19 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 import SimpleITK as sitk
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..errors import LAFlatteningError
+from .grid import Bounded, FloatArray, Grid
 from .sphere import Caps, angles_between, direction, tangent_frame
-
-FloatArray = NDArray[np.float64]
-
-VOXELS_AT_ONCE = 500_000
-"""A volume is painted in pieces of about so many voxels, to bound memory."""
 
 
 def ramp(depth: FloatArray, width: float) -> FloatArray:
@@ -252,51 +248,11 @@ class LgeModel:
         return np.maximum(self.blood, tissue + (self.blood - tissue) * ramp(valve_depth, self.transition))
 
 
-class Imaged(Protocol):
+class Imaged(Bounded, Protocol):
     """What a volume is made of; `LAFlatteningLib.phantom.PhantomShape` is one."""
-
-    def extent(self, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Lowest and highest coordinate of the closed surface along each of the unit vectors `axes` (k, 3), mm."""
 
     def intensity(self, points: FloatArray, model: LgeModel) -> FloatArray:
         """Intensity at points (n, 3), (n,)."""
-
-
-class _Grid(NamedTuple):
-    """Sample points of an image."""
-
-    size: NDArray[np.int64]
-    spacing: FloatArray
-    axes: FloatArray
-    """(3, 3) row k is the direction of index k."""
-    corner: FloatArray
-    """(3,) coordinates of the first voxel along `axes`."""
-
-
-def _check_spacing(spacing: Sequence[float]) -> FloatArray:
-    values = np.asarray(spacing, np.float64)
-    if values.shape != (3,) or not (np.isfinite(values).all() and (values > 0).all()):
-        raise LAFlatteningError(
-            f"Expected a spacing of three positive numbers in mm, like (0.625, 0.625, 1.25), found {tuple(spacing)}."
-        )
-    return values
-
-
-def _check_direction(matrix: ArrayLike | None) -> FloatArray:
-    values = np.eye(3) if matrix is None else np.asarray(matrix, np.float64)
-    if values.size != 9 or not np.isfinite(values).all():
-        raise LAFlatteningError(
-            f"Expected a direction matrix of 3 x 3 numbers, found {values.size} values. Columns are the directions of "
-            "the image axes in LPS."
-        )
-    values = values.reshape(3, 3)
-    error = np.abs(values.T @ values - np.eye(3)).max()
-    if error > 1e-6:
-        raise LAFlatteningError(
-            "Expected a direction matrix with orthonormal columns (image axes at right angles, of length 1), found a "
-            f"deviation of {error:.3g}. Normalise the columns, and put the voxel size into the spacing."
-        )
-    return values
 
 
 def make_lge_volume(
@@ -336,37 +292,11 @@ def make_lge_volume(
     >>> make_lge_volume(left_atrium_shape(), spacing=(4, 4, 4)).GetPixelIDTypeAsString()
     '32-bit float'
     """
-    steps = _check_spacing(spacing)
-    axes = _check_direction(direction).T
+    grid = Grid.around(shape, spacing, direction, margin)
     if not (np.isfinite(noise) and noise >= 0.0):
         raise LAFlatteningError(f"Expected a standard deviation of the noise of 0 or more, found {noise}.")
-    if not (np.isfinite(margin) and margin >= 0.0):
-        raise LAFlatteningError(f"Expected a margin of 0 mm or more, found {margin}.")
-    model = model or LgeModel()
-    low, high = shape.extent(axes)
-    size = np.ceil((high - low + 2.0 * margin) / steps).astype(np.int64) + 1
-    corner = 0.5 * (low + high) - 0.5 * (size - 1) * steps
-    grid = _Grid(size, steps, axes, corner)
-    values = _paint(shape, grid, model)
+    tissues = model or LgeModel()
+    values = grid.fill(lambda points: shape.intensity(points, tissues), np.float32)
     if noise > 0.0:
         values += np.random.default_rng(seed).normal(0.0, noise, values.shape).astype(np.float32)
-    image = sitk.GetImageFromArray(values)
-    image.SetSpacing(steps.tolist())
-    image.SetDirection(axes.T.ravel().tolist())
-    image.SetOrigin((corner @ axes).tolist())
-    return image
-
-
-def _paint(shape: Imaged, grid: _Grid, model: LgeModel) -> NDArray[np.float32]:
-    """Intensities in SimpleITK's array order (slices, rows, columns)."""
-    columns, rows, slices = (
-        (grid.corner[k] + np.arange(grid.size[k]) * grid.spacing[k])[:, None] * grid.axes[k] for k in range(3)
-    )
-    plane = (rows[:, None] + columns[None, :]).reshape(-1, 3)
-    values = np.empty(tuple(int(n) for n in grid.size[::-1]), np.float32)
-    together = max(1, VOXELS_AT_ONCE // len(plane))
-    for first in range(0, len(slices), together):
-        part = slices[first : first + together]
-        points = (part[:, None] + plane[None, :]).reshape(-1, 3)
-        values[first : first + together] = shape.intensity(points, model).reshape(-1, *values.shape[1:])
-    return values
+    return grid.image(values)
