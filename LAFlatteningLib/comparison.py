@@ -1,0 +1,325 @@
+"""Two maps compared place by place: before and after ablation, enhancement against voltage, patient against patient.
+
+Maps of one template put the same anatomy in the same place, so both are read at the same places of the map: the middles
+of a square grid. Each place counts by the area that it stands for on the atria in 3D, so that what the map enlarges
+counts no more than it is.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import operators
+from ._version import __version__
+from .errors import LAFlatteningError, TemplateError
+from .fibrosis import corner_values
+from .flattening.flat_map import FlatMap
+from .map_data import MapData
+from .parcellation import Parcellation, Part
+from .shading import Raster, rasterise
+from .surface import FloatArray, IntArray, Surface
+from .template import Template
+
+BoolArray = NDArray[np.bool_]
+
+GRID = 512
+"""Places across the map, in each direction."""
+DISK = "whole map"
+"""Name of the whole among the parts."""
+FEWEST_PLACES = 10
+"""Fewer common places say nothing."""
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How two quantities agree in one part of the map; all numbers are weighted by area in 3D, NaN where undefined.
+
+    Attributes
+    ----------
+    region : its number; 0 for the whole map.
+    name : for people.
+    places : with a value on both maps.
+    missing_percent : share of the part, by area, where one of the maps or both have no value: left out.
+    area_cm2 : of the common places, mean of both atria.
+    pearson, spearman : correlation of the values, and of their ranks.
+    mean_a, mean_b : of the values.
+    difference, difference_sd, difference_rms : of B - A: mean, standard deviation, root mean square.
+    dice : overlap of the places beyond both thresholds, 2 |A and B| / (|A| + |B|).
+    percent_a, percent_b : share beyond its threshold, %.
+    """
+
+    region: int
+    name: str
+    places: int
+    missing_percent: float
+    area_cm2: float
+    pearson: float
+    spearman: float
+    mean_a: float
+    mean_b: float
+    difference: float
+    difference_sd: float
+    difference_rms: float
+    dice: float
+    percent_a: float
+    percent_b: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON; numbers that do not exist are None."""
+        return {key: None if value != value else value for key, value in vars(self).items()}
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """What `compare_maps` finds.
+
+    Attributes
+    ----------
+    array_a, array_b : what was compared.
+    threshold_a, threshold_b : of the overlap, or None.
+    direction : "above" or "below": on which side of its threshold a value counts.
+    template : of both maps.
+    places : (k, 2) map units, where either map has triangles.
+    row, column : (k,) of the places in the grid, row 0 at the bottom.
+    values_a, values_b : (k,) NaN where there is none.
+    weights : (k,) mm2 on the atrium, mean of both.
+    regions : (k,) region of the template.
+    parts : the whole map, then its regions.
+    notes : what the user should know.
+    """
+
+    array_a: str
+    array_b: str
+    threshold_a: float | None
+    threshold_b: float | None
+    direction: str
+    template: Template
+    places: FloatArray
+    row: IntArray
+    column: IntArray
+    values_a: FloatArray
+    values_b: FloatArray
+    weights: FloatArray
+    regions: IntArray
+    parts: tuple[Agreement, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def whole(self) -> Agreement:
+        """The whole map."""
+        return self.parts[0]
+
+    @property
+    def difference(self) -> FloatArray:
+        """(k,) B - A, NaN where either has no value."""
+        return self.values_b - self.values_a
+
+    def picture(self, values: NDArray) -> FloatArray:
+        """Values (k,) at the places as a picture of `GRID` rows and columns, NaN elsewhere; row 0 at the bottom."""
+        grid = np.full((GRID, GRID), np.nan)
+        grid[self.row, self.column] = values
+        return grid
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON (see Docs/formats.md)."""
+        return {
+            "version": __version__,
+            "array_a": self.array_a,
+            "array_b": self.array_b,
+            "threshold_a": self.threshold_a,
+            "threshold_b": self.threshold_b,
+            "direction": self.direction,
+            "template": self.template.name,
+            "grid": GRID,
+            "parts": [part.to_dict() for part in self.parts],
+            "notes": list(self.notes),
+        }
+
+    def to_csv(self) -> str:
+        """A table with one line a part."""
+        text = io.StringIO()
+        table = csv.writer(text, lineterminator="\n")
+        rows = [part.to_dict() for part in self.parts]
+        table.writerow(rows[0])
+        for row in rows:
+            table.writerow([f"{x:.6g}" if isinstance(x, float) else "" if x is None else x for x in row.values()])
+        return text.getvalue()
+
+
+def compare_maps(
+    a: FlatMap | MapData | Surface,
+    b: FlatMap | MapData | Surface,
+    array_a: str,
+    array_b: str,
+    threshold_a: float | None = None,
+    threshold_b: float | None = None,
+    direction: str = "above",
+) -> Comparison:
+    """Compare an array of one map with an array of another, at the same places of their template.
+
+    Values are linear in each triangle. Places where one of the maps has a hole, or a corner without value, are left out
+    and counted.
+
+    Parameters
+    ----------
+    a, b : maps, or the surfaces that map files hold; of the same template.
+    array_a, array_b : scalar point or cell arrays.
+    threshold_a, threshold_b : both, for the overlap of what reaches them (Dice), or neither.
+    direction : "above" (a value counts from its threshold on) or "below" (where it is less), as for low voltage.
+
+    Raises
+    ------
+    TemplateError : maps of different templates.
+    LAFlatteningError : no such array, NaN everywhere, no common places, one threshold only.
+    SurfaceError : a map file without the positions on the atrium.
+    """
+    one, other = MapData.of(a), MapData.of(b)
+    _check_templates(one.template, other.template)
+    if (threshold_a is None) != (threshold_b is None):
+        raise LAFlatteningError("The overlap needs a threshold for each map; found one. Give both, or none.")
+    if direction not in ("above", "below"):
+        raise LAFlatteningError(f'Expected the direction "above" or "below", found "{direction}".')
+    corners_a, corners_b = corner_values(one.surface, array_a), corner_values(other.surface, array_b)
+    raster_a, raster_b = _raster(one), _raster(other)
+    covered = raster_a.covered | raster_b.covered
+    row, column = np.nonzero(covered)
+    corner = np.array([raster_a.left, raster_a.bottom])
+    places = corner + (np.stack([column, row], axis=1) + 0.5) * raster_a.pixel
+    values_a, area_a = _read(one, raster_a, corners_a, covered)
+    values_b, area_b = _read(other, raster_b, corners_b, covered)
+    with np.errstate(invalid="ignore"):
+        weights = np.nanmean(np.stack([area_a, area_b]), axis=0)
+    regions = _regions(one.template, places)
+
+    def part(region: int, name: str, own: BoolArray) -> Agreement:
+        values = (values_a[own], values_b[own], weights[own])
+        return _agreement(region, name, *values, threshold_a, threshold_b, direction)
+
+    whole = part(0, DISK, np.ones(len(places), bool))
+    if whole.places < FEWEST_PLACES:
+        raise LAFlatteningError(
+            f'"{array_a}" and "{array_b}" have values at {whole.places} '
+            f"common places of the maps; expected "
+            f"more. Check where each of them has values."
+        )
+    parts = [whole]
+    for number, name in sorted(one.template.anatomy.region_names.items()):
+        parts.append(part(number, name, regions == number))
+    notes = []
+    if whole.missing_percent >= 0.05:
+        notes.append(
+            f"{whole.missing_percent:.1f} % of the map have no value on one of the two maps, or on both, and "
+            "were left out."
+        )
+    return Comparison(
+        array_a, array_b, threshold_a, threshold_b, direction, one.template, places, row, column, values_a, values_b,
+        weights, regions, tuple(parts), tuple(notes),
+    )  # fmt: skip
+
+
+def weighted_correlation(x: FloatArray, y: FloatArray, weights: FloatArray) -> float:
+    """Pearson's correlation with weights; NaN if one of the quantities is the same everywhere.
+
+    Examples
+    --------
+    >>> weighted_correlation(np.array([0.0, 1.0, 9.0]), np.array([1.0, 3.0, 0.0]), np.array([1.0, 1.0, 0.0]))
+    1.0
+    """
+    share = weights / weights.sum()
+    x, y = x - share @ x, y - share @ y
+    variances = (share @ x**2) * (share @ y**2)
+    return float(np.clip(share @ (x * y) / np.sqrt(variances), -1.0, 1.0)) if variances > 0.0 else float("nan")
+
+
+def weighted_ranks(values: FloatArray, weights: FloatArray) -> FloatArray:
+    """The share of the weight below each value, plus half the share of its equals: ranks, 0 to 1."""
+    kinds, index = np.unique(values, return_inverse=True)
+    own = np.bincount(index, weights, minlength=len(kinds)) / weights.sum()
+    return (np.cumsum(own) - 0.5 * own)[index]
+
+
+def _check_templates(a: Template, b: Template) -> None:
+    if a.name != b.name:
+        raise TemplateError(
+            f"The maps were made on different templates, {a.name} and {b.name}, so that a place on one is another "
+            "place on the other. Flatten one of them again, on the template of the other."
+        )
+    if a != b:
+        raise TemplateError(f"The maps were made on different templates that are both called {a.name}. Use one file.")
+
+
+def _raster(data: MapData) -> Raster:
+    shape, radius = data.template.outer.shape, data.template.radius
+    left, bottom = (float(x) - radius for x in shape.centre)
+    return rasterise(data.flat, data.triangles, left, bottom, 2.0 * radius / GRID, (GRID, GRID))
+
+
+def _read(data: MapData, raster: Raster, corners: FloatArray, covered: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Values and area on the atrium (mm2) of the covered places; NaN where this map has none."""
+    on_map = operators.triangle_areas(data.flat, data.triangles)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        density = data.surface.triangle_areas / on_map
+    values, area = np.full(covered.shape, np.nan), np.full(covered.shape, np.nan)
+    triangle = raster.triangle[raster.covered]
+    values[raster.covered] = np.einsum("ij,ij->i", raster.weights, corners[triangle])
+    area[raster.covered] = density[triangle] * raster.pixel**2
+    return values[covered], area[covered]
+
+
+def _regions(template: Template, places: FloatArray) -> IntArray:
+    parts = (
+        Part(number, f"R{number}", "", {"type": "region", "number": number}) for number in template.anatomy.regions
+    )
+    return Parcellation("regions", template.anatomy, tuple(parts)).labels_at(places, template)
+
+
+def _agreement(
+    region: int,
+    name: str,
+    a: FloatArray,
+    b: FloatArray,
+    weights: FloatArray,
+    threshold_a: float | None,
+    threshold_b: float | None,
+    direction: str,
+) -> Agreement:
+    both = np.isfinite(a) & np.isfinite(b)
+    total = float(weights.sum())
+    missing = 100.0 * float(weights[~both].sum()) / total if total > 0.0 else float("nan")
+    a, b, weights = a[both], b[both], weights[both]
+    area = float(weights.sum())
+    if len(a) < FEWEST_PLACES:
+        return Agreement(region, name, len(a), missing, area / 100.0, *[float("nan")] * 10)
+    share = weights / area
+    difference = b - a
+    mean = float(share @ difference)
+    dice = percent_a = percent_b = float("nan")
+    if threshold_a is not None and threshold_b is not None:
+        above = direction == "above"
+        in_a, in_b = (a >= threshold_a) == above, (b >= threshold_b) == above
+        percent_a, percent_b = 100.0 * float(share[in_a].sum()), 100.0 * float(share[in_b].sum())
+        if percent_a + percent_b > 0.0:
+            dice = 200.0 * float(share[in_a & in_b].sum()) / (percent_a + percent_b)
+    return Agreement(
+        region,
+        name,
+        len(a),
+        missing,
+        area / 100.0,
+        weighted_correlation(a, b, weights),
+        weighted_correlation(weighted_ranks(a, weights), weighted_ranks(b, weights), weights),
+        float(share @ a),
+        float(share @ b),
+        mean,
+        float(np.sqrt(share @ (difference - mean) ** 2)),
+        float(np.sqrt(share @ difference**2)),
+        dice,
+        percent_a,
+        percent_b,
+    )
