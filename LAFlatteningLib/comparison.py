@@ -35,6 +35,8 @@ DISK = "whole map"
 FEWEST_PLACES = 10
 """Fewer common places say nothing."""
 
+SAME = 1e-9
+
 
 @dataclass(frozen=True)
 class Agreement:
@@ -49,7 +51,8 @@ class Agreement:
     area_cm2 : of the common places, mean of both atria.
     pearson, spearman : correlation of the values, and of their ranks.
     mean_a, mean_b : of the values.
-    difference, difference_sd, difference_rms : of B - A: mean, standard deviation, root mean square.
+    difference, difference_sd, difference_rms : of B - A on the scale of the comparison: mean, standard deviation, root
+        mean square.
     dice : overlap of the places beyond both thresholds, 2 |A and B| / (|A| + |B|).
     percent_a, percent_b : share beyond its threshold, %.
     """
@@ -84,6 +87,8 @@ class Comparison:
     array_a, array_b : what was compared.
     threshold_a, threshold_b : of the overlap, or None.
     direction : "above" or "below": on which side of its threshold a value counts.
+    scale : of the difference. "values": of one quantity, in its unit. "ranks": of two quantities that cannot be
+        subtracted (enhancement and voltage): each value is the percentile of its place on its own map, by area.
     template : of both maps.
     places : (k, 2) map units, where either map has triangles.
     row, column : (k,) of the places in the grid, row 0 at the bottom.
@@ -99,6 +104,7 @@ class Comparison:
     threshold_a: float | None
     threshold_b: float | None
     direction: str
+    scale: str
     template: Template
     places: FloatArray
     row: IntArray
@@ -117,8 +123,14 @@ class Comparison:
 
     @property
     def difference(self) -> FloatArray:
-        """(k,) B - A, NaN where either has no value."""
-        return self.values_b - self.values_a
+        """(k,) B - A on the scale of the comparison, NaN where either has no value."""
+        a, b = self.scaled
+        return b - a
+
+    @property
+    def scaled(self) -> tuple[FloatArray, FloatArray]:
+        """(k,) and (k,): the values, or their percentiles, 0 to 100, among the common places."""
+        return _scaled(self.values_a, self.values_b, self.weights, self.scale)
 
     def picture(self, values: NDArray) -> FloatArray:
         """Values (k,) at the places as a picture of `GRID` rows and columns, NaN elsewhere; row 0 at the bottom."""
@@ -135,6 +147,7 @@ class Comparison:
             "threshold_a": self.threshold_a,
             "threshold_b": self.threshold_b,
             "direction": self.direction,
+            "scale": self.scale,
             "template": self.template.name,
             "grid": GRID,
             "parts": [part.to_dict() for part in self.parts],
@@ -160,6 +173,7 @@ def compare_maps(
     threshold_a: float | None = None,
     threshold_b: float | None = None,
     direction: str = "above",
+    scale: str = "auto",
 ) -> Comparison:
     """Compare an array of one map with an array of another, at the same places of their template.
 
@@ -172,6 +186,7 @@ def compare_maps(
     array_a, array_b : scalar point or cell arrays.
     threshold_a, threshold_b : both, for the overlap of what reaches them (Dice), or neither.
     direction : "above" (a value counts from its threshold on) or "below" (where it is less), as for low voltage.
+    scale : "values", "ranks" (see `Comparison`), or "auto": values if both arrays have the same name.
 
     Raises
     ------
@@ -185,6 +200,10 @@ def compare_maps(
         raise LAFlatteningError("The overlap needs a threshold for each map; found one. Give both, or none.")
     if direction not in ("above", "below"):
         raise LAFlatteningError(f'Expected the direction "above" or "below", found "{direction}".')
+    if scale not in ("auto", "values", "ranks"):
+        raise LAFlatteningError(f'Expected the scale "auto", "values" or "ranks", found "{scale}".')
+    if scale == "auto":
+        scale = "values" if array_a == array_b else "ranks"
     corners_a, corners_b = corner_values(one.surface, array_a), corner_values(other.surface, array_b)
     raster_a, raster_b = _raster(one), _raster(other)
     covered = raster_a.covered | raster_b.covered
@@ -196,18 +215,19 @@ def compare_maps(
     with np.errstate(invalid="ignore"):
         weights = np.nanmean(np.stack([area_a, area_b]), axis=0)
     regions = _regions(one.template, places)
+    if np.count_nonzero(np.isfinite(values_a) & np.isfinite(values_b)) < FEWEST_PLACES:
+        raise LAFlatteningError(
+            f'"{array_a}" and "{array_b}" have hardly any value at a common place of the maps. Check where each of '
+            "them has values."
+        )
+    scaled_a, scaled_b = _scaled(values_a, values_b, weights, scale)
+    difference = scaled_b - scaled_a
 
     def part(region: int, name: str, own: BoolArray) -> Agreement:
-        values = (values_a[own], values_b[own], weights[own])
+        values = (values_a[own], values_b[own], weights[own], difference[own])
         return _agreement(region, name, *values, threshold_a, threshold_b, direction)
 
     whole = part(0, DISK, np.ones(len(places), bool))
-    if whole.places < FEWEST_PLACES:
-        raise LAFlatteningError(
-            f'"{array_a}" and "{array_b}" have values at {whole.places} '
-            f"common places of the maps; expected "
-            f"more. Check where each of them has values."
-        )
     parts = [whole]
     for number, name in sorted(one.template.anatomy.region_names.items()):
         parts.append(part(number, name, regions == number))
@@ -218,9 +238,23 @@ def compare_maps(
             "were left out."
         )
     return Comparison(
-        array_a, array_b, threshold_a, threshold_b, direction, one.template, places, row, column, values_a, values_b,
-        weights, regions, tuple(parts), tuple(notes),
-    )  # fmt: skip
+        array_a,
+        array_b,
+        threshold_a,
+        threshold_b,
+        direction,
+        scale,
+        one.template,
+        places,
+        row,
+        column,
+        values_a,
+        values_b,
+        weights,
+        regions,
+        tuple(parts),
+        tuple(notes),
+    )
 
 
 def weighted_correlation(x: FloatArray, y: FloatArray, weights: FloatArray) -> float:
@@ -238,8 +272,13 @@ def weighted_correlation(x: FloatArray, y: FloatArray, weights: FloatArray) -> f
 
 
 def weighted_ranks(values: FloatArray, weights: FloatArray) -> FloatArray:
-    """The share of the weight below each value, plus half the share of its equals: ranks, 0 to 1."""
-    kinds, index = np.unique(values, return_inverse=True)
+    """The share of the weight below each value, plus half the share of its equals: ranks, 0 to 1.
+
+    Values that differ by less than `SAME` of their range are equal: interpolation rounds, and what is the same in large
+    parts of a map must not be put into an order by its last digits.
+    """
+    step = SAME * float(np.ptp(values))
+    kinds, index = np.unique(np.round(values / step) if step > 0.0 else values, return_inverse=True)
     own = np.bincount(index, weights, minlength=len(kinds)) / weights.sum()
     return (np.cumsum(own) - 0.5 * own)[index]
 
@@ -279,12 +318,23 @@ def _regions(template: Template, places: FloatArray) -> IntArray:
     return Parcellation("regions", template.anatomy, tuple(parts)).labels_at(places, template)
 
 
+def _scaled(a: FloatArray, b: FloatArray, weights: FloatArray, scale: str) -> tuple[FloatArray, FloatArray]:
+    if scale == "values":
+        return a, b
+    both = np.isfinite(a) & np.isfinite(b)
+    ranks = np.full((2, len(a)), np.nan)
+    for row, values in zip(ranks, (a, b), strict=True):
+        row[both] = 100.0 * weighted_ranks(values[both], weights[both])
+    return ranks[0], ranks[1]
+
+
 def _agreement(
     region: int,
     name: str,
     a: FloatArray,
     b: FloatArray,
     weights: FloatArray,
+    difference: FloatArray,
     threshold_a: float | None,
     threshold_b: float | None,
     direction: str,
@@ -292,12 +342,11 @@ def _agreement(
     both = np.isfinite(a) & np.isfinite(b)
     total = float(weights.sum())
     missing = 100.0 * float(weights[~both].sum()) / total if total > 0.0 else float("nan")
-    a, b, weights = a[both], b[both], weights[both]
+    a, b, weights, difference = a[both], b[both], weights[both], difference[both]
     area = float(weights.sum())
     if len(a) < FEWEST_PLACES:
         return Agreement(region, name, len(a), missing, area / 100.0, *[float("nan")] * 10)
     share = weights / area
-    difference = b - a
     mean = float(share @ difference)
     dice = percent_a = percent_b = float("nan")
     if threshold_a is not None and threshold_b is not None:

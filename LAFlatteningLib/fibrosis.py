@@ -299,10 +299,7 @@ def measure_fibrosis(
     >>> round(found.atrium.beyond_percent)
     8
     """
-    is_bare = isinstance(atrium, Surface) and np.ptp(atrium.points[:, 2]) > 0.0
-    data = None if is_bare else MapData.of(atrium)
-    surface = data.surface if data is not None else atrium
-    assert isinstance(surface, Surface)
+    surface, data = on_atrium(atrium)
     anatomy = anatomy or (data.template.anatomy if data is not None else LEFT_ATRIUM)
     corners = corner_values(surface, array)
     thresholds = rule.thresholds(blood_pool)
@@ -339,6 +336,22 @@ def measure_fibrosis(
             "value and were left out."
         )
     return Fibrosis(array, unit, rule, thresholds, names, blood_pool, tuple(parts), tuple(notes))
+
+
+def on_atrium(atrium: FlatMap | MapData | Surface) -> tuple[Surface, MapData | None]:
+    """The atrium in 3D with its arrays and, where they are known, regions; and its map, None for an atrium without.
+
+    Raises
+    ------
+    SurfaceError : a map file without the positions on the atrium.
+    """
+    if isinstance(atrium, Surface) and np.ptp(atrium.points[:, 2]) > 0.0:
+        return atrium, None
+    data = MapData.of(atrium)
+    if isinstance(atrium, FlatMap):
+        surface = data.surface.with_data(cell_data={REGION_ARRAY: atrium.regions})
+        data = MapData(surface, data.flat, data.template)
+    return data.surface, data
 
 
 def corner_values(surface: Surface, array: str) -> FloatArray:
@@ -427,5 +440,6 @@ __all__ = [
     "Rule",
     "corner_values",
     "measure_fibrosis",
+    "on_atrium",
     "share_reaching",
 ]
