@@ -34,8 +34,8 @@ DISK = "whole map"
 """Name of the whole among the parts."""
 FEWEST_PLACES = 10
 """Fewer common places say nothing."""
-
-SAME = 1e-9
+SAME = 1e-12
+"""Values that differ by less than this share of the largest are the same: interpolation rounds."""
 
 
 @dataclass(frozen=True)
@@ -265,6 +265,8 @@ def weighted_correlation(x: FloatArray, y: FloatArray, weights: FloatArray) -> f
     >>> weighted_correlation(np.array([0.0, 1.0, 9.0]), np.array([1.0, 3.0, 0.0]), np.array([1.0, 1.0, 0.0]))
     1.0
     """
+    if any(np.ptp(values) <= SAME * np.abs(values).max() for values in (x, y)):
+        return float("nan")
     share = weights / weights.sum()
     x, y = x - share @ x, y - share @ y
     variances = (share @ x**2) * (share @ y**2)
@@ -274,10 +276,9 @@ def weighted_correlation(x: FloatArray, y: FloatArray, weights: FloatArray) -> f
 def weighted_ranks(values: FloatArray, weights: FloatArray) -> FloatArray:
     """The share of the weight below each value, plus half the share of its equals: ranks, 0 to 1.
 
-    Values that differ by less than `SAME` of their range are equal: interpolation rounds, and what is the same in large
-    parts of a map must not be put into an order by its last digits.
+    What is the same in large parts of a map is not put into an order by its last digits (`SAME`).
     """
-    step = SAME * float(np.ptp(values))
+    step = SAME * float(np.abs(values).max())
     kinds, index = np.unique(np.round(values / step) if step > 0.0 else values, return_inverse=True)
     own = np.bincount(index, weights, minlength=len(kinds)) / weights.sum()
     return (np.cumsum(own) - 0.5 * own)[index]
