@@ -11,30 +11,27 @@ import numpy as np
 from ._version import __version__
 from .comparison import Comparison
 from .fibrosis import Fibrosis, on_atrium
-from .figures import (
-    BORDER_COLOUR,
+from .figures import BORDER_COLOUR, INSIDE, RIM_COLOUR, VIEW_DOTS_PER_INCH
+from .flattening.flat_map import REGION_ARRAY, FlatMap
+from .map_data import MapData
+from .page import (
     DOTS_PER_INCH,
     FAINT,
     HEADING_SIZE,
     INK,
-    INSIDE,
-    MAP_DOTS,
     PAGE_INCHES,
-    RIM_COLOUR,
     SMALL_SIZE,
     TEXT_SIZE,
     TITLE_SIZE,
-    VIEW_DOTS_PER_INCH,
-    _add_axes,
-    _heading,
-    _line,
-    _require_matplotlib,
-    _save,
-    _show,
-    _text,
+    add_axes,
+    draw_line,
+    rasterise_map,
+    require_matplotlib,
+    save_page,
+    show_raster,
+    write_heading,
+    write_text,
 )
-from .flattening.flat_map import REGION_ARRAY, FlatMap
-from .map_data import MapData
 from .shading import NO_VALUE, OPPOSITE, FloatArray, Paint, label_of, rasterise, shade, standard_view
 from .surface import Surface
 from .template import Template
@@ -65,7 +62,7 @@ def draw_fibrosis(atrium: FlatMap | MapData | Surface, found: Fibrosis, path: Pa
     MissingPackageError : matplotlib is not installed.
     InputFileError : another file type, or the file cannot be written.
     """
-    _save(path, lambda: make_fibrosis_figure(atrium, found))
+    save_page(path, lambda: make_fibrosis_figure(atrium, found))
 
 
 def draw_comparison(found: Comparison, path: Path | str, *, names: tuple[str, str] = ("A", "B")) -> None:
@@ -75,26 +72,26 @@ def draw_comparison(found: Comparison, path: Path | str, *, names: tuple[str, st
     ----------
     names : what the maps are called on the page.
     """
-    _save(path, lambda: make_comparison_figure(found, names=names))
+    save_page(path, lambda: make_comparison_figure(found, names=names))
 
 
 def draw_difference(found: Comparison, path: Path | str, *, names: tuple[str, str] = ("A", "B")) -> None:
     """Write one page: the difference B - A, and where both reach their thresholds; parameters as `draw_comparison`."""
-    _save(path, lambda: make_difference_figure(found, names=names))
+    save_page(path, lambda: make_difference_figure(found, names=names))
 
 
 def make_fibrosis_figure(atrium: FlatMap | MapData | Surface, found: Fibrosis) -> Figure:
     """The page of `draw_fibrosis` as a matplotlib Figure, with axes "posterior", "anterior" (mm), "map" (map units)."""
-    _require_matplotlib()
+    require_matplotlib()
     surface, data = on_atrium(atrium)
     paint = class_paint(surface, found)
     figure = _page(f"{found.array}: {found.atrium.beyond_percent:.1f} % of the atrium {_beyond(found)}", _facts(found))
     _views(figure, surface, paint)
     if data is not None:
-        axes = _add_axes(figure, "map", (4.35, 1.75, 5.2, 5.2))
+        axes = add_axes(figure, "map", (4.35, 1.75, 5.2, 5.2))
         _draw_map(axes, data, paint)
         outer = data.template.anatomy.openings[data.template.anatomy.outer]
-        _heading(axes, f"Map, seen from outside (outer rim: {outer})", 0.2)
+        write_heading(axes, f"Map, seen from outside (outer rim: {outer})", 0.2)
     _class_legend(figure, paint, found)
     _class_table(figure, found)
     return figure
@@ -102,14 +99,14 @@ def make_fibrosis_figure(atrium: FlatMap | MapData | Surface, found: Fibrosis) -
 
 def make_comparison_figure(found: Comparison, *, names: tuple[str, str] = ("A", "B")) -> Figure:
     """The page of `draw_comparison` as a matplotlib Figure, with axes "A", "B" (map units) and "colours"."""
-    _require_matplotlib()
+    require_matplotlib()
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
     a, b = found.scaled
     if found.scale == "ranks":
-        low, high, label = 0.0, 100.0, "percentile of the place on its own map, by area (%)"
+        low, high, label = 0.0, 100.0, "percentile on its own map, by area, from normal to diseased (%)"
     else:
         known = np.concatenate([a[np.isfinite(a)], b[np.isfinite(b)]])
         low, high = (float(x) for x in np.percentile(known, [1, 99]))
@@ -123,10 +120,10 @@ def make_comparison_figure(found: Comparison, *, names: tuple[str, str] = ("A", 
     for letter, name, array, values, left in (
         ("A", names[0], found.array_a, a, 0.3), ("B", names[1], found.array_b, b, 5.3),
     ):  # fmt: skip
-        axes = _add_axes(figure, letter, (left, 2.75, 4.7, 4.7))
+        axes = add_axes(figure, letter, (left, 2.75, 4.7, 4.7))
         _draw_grid(axes, found, cmap(norm(found.picture(values))), found.picture(values))
-        _heading(axes, f"{letter}: {name}, {array}", 0.05)
-    bar = _add_axes(figure, "colours", (10.35, 3.2, 0.17, 3.8))
+        write_heading(axes, f"{letter}: {name}, {array}", 0.05)
+    bar = add_axes(figure, "colours", (10.35, 3.2, 0.17, 3.8))
     shown = figure.colorbar(ScalarMappable(norm, cmap), cax=bar, extend="neither" if low == 0.0 else "both")
     shown.set_label(label, size=TEXT_SIZE, color=INK, parse_math=False)
     bar.tick_params(labelsize=SMALL_SIZE, colors=INK)
@@ -137,7 +134,7 @@ def make_comparison_figure(found: Comparison, *, names: tuple[str, str] = ("A", 
 def make_difference_figure(found: Comparison, *, names: tuple[str, str] = ("A", "B")) -> Figure:
     """The page of `draw_difference` as a matplotlib Figure, with axes "difference", "colours", and "overlap" where
     there are thresholds."""
-    _require_matplotlib()
+    require_matplotlib()
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize, to_rgb
@@ -147,28 +144,27 @@ def make_difference_figure(found: Comparison, *, names: tuple[str, str] = ("A", 
     reach = float(np.percentile(np.abs(found.difference[np.isfinite(found.difference)]), 99)) or 1.0
     unit = "percentiles" if found.scale == "ranks" else label_of(found.array_a)
     figure = _page(f"{names[1]} minus {names[0]}", _comparison_facts(found))
-    axes = _add_axes(figure, "difference", (0.3, 2.75, 4.7, 4.7))
+    axes = add_axes(figure, "difference", (0.3, 2.75, 4.7, 4.7))
     cmap, norm = colormaps["RdBu_r"], Normalize(-reach, reach)
     _draw_grid(axes, found, cmap(norm(difference)), difference)
-    _heading(axes, "Difference, B minus A", 0.05)
-    bar = _add_axes(figure, "colours", (5.1, 3.2, 0.17, 3.8))
+    write_heading(axes, "Difference, B minus A", 0.05)
+    bar = add_axes(figure, "colours", (5.1, 3.2, 0.17, 3.8))
     shown = figure.colorbar(ScalarMappable(norm, cmap), cax=bar, extend="both")
     shown.set_label(f"difference, {unit}", size=TEXT_SIZE, color=INK, parse_math=False)
     bar.tick_params(labelsize=SMALL_SIZE, colors=INK)
     if found.threshold_a is not None and found.threshold_b is not None:
-        above = found.direction == "above"
         known = np.isfinite(found.values_a) & np.isfinite(found.values_b)
-        kinds = ((found.values_a >= found.threshold_a) == above) + 2 * ((found.values_b >= found.threshold_b) == above)
+        kinds = found.beyond_a + 2 * found.beyond_b
         grid = found.picture(np.where(known, kinds, np.nan))
         colours = np.array([to_rgb(one) for one in (NEITHER, ONLY_A, ONLY_B, BOTH)])
-        axes = _add_axes(figure, "overlap", (6.15, 2.75, 4.7, 4.7))
+        axes = add_axes(figure, "overlap", (6.15, 2.75, 4.7, 4.7))
         _draw_grid(axes, found, colours[np.nan_to_num(grid).astype(int)], grid)
         dice = "no overlap is possible" if np.isnan(found.whole.dice) else f"Dice {found.whole.dice:.2f}"
-        _heading(axes, f"Overlap: {dice}", 0.05)
-        sign = "≥" if above else "<"
+        write_heading(axes, f"Overlap: {dice}", 0.05)
+        sign_a, sign_b = ("≥" if side == "above" else "<" for side in (found.direction_a, found.direction_b))
         words = (
-            f"only A ({found.array_a} {sign} {found.threshold_a:g})",
-            f"only B ({found.array_b} {sign} {found.threshold_b:g})",
+            f"only A ({found.array_a} {sign_a} {found.threshold_a:g})",
+            f"only B ({found.array_b} {sign_b} {found.threshold_b:g})",
             "both",
             "neither",
         )
@@ -256,7 +252,7 @@ def _views(figure: Figure, surface: Surface, paint: Paint) -> None:
     size = np.array([3.7, 3.1])
     mm_per_inch = max(float((np.ptp(frame, axis=0) / (size - (0.6, 0.4))).max()) for frame in frames)
     for view, frame, bottom in zip(views, frames, (4.3, 0.75), strict=True):
-        axes = _add_axes(figure, view.name, (0.2, bottom, *size))
+        axes = add_axes(figure, view.name, (0.2, bottom, *size))
         low = 0.5 * (frame.min(axis=0) + frame.max(axis=0)) - 0.5 * mm_per_inch * size
         columns, rows = (int(count) for count in np.round(size * VIEW_DOTS_PER_INCH))
         projected = view.project(surface.points)
@@ -265,32 +261,31 @@ def _views(figure: Figure, surface: Surface, paint: Paint) -> None:
         )
         normals = view.project(surface.point_normals)
         colours = np.where(raster.front[:, None], paint.rgb(raster), INSIDE)
-        _show(axes, raster, shade(raster, colours, raster.interpolate(normals)))
+        show_raster(axes, raster, shade(raster, colours, raster.interpolate(normals)))
         for loop in surface.boundary_loops if surface.is_manifold else ():
             closed = np.append(loop, loop[0])
-            _line(axes, raster.visible_part(projected[closed]), RIM_COLOUR, 1.2)
+            draw_line(axes, raster.visible_part(projected[closed]), RIM_COLOUR, 1.2)
         left, right, bottom_mm, top = raster.extent
         axes.set(xlim=(left, right), ylim=(bottom_mm, top), xticks=[], yticks=[])
         axes.spines[:].set_visible(False)
         for at, direction in (((0.01, 0.5), OPPOSITE[view.right]), ((0.99, 0.5), view.right)):
-            _text(axes, at, direction[0].upper(), TEXT_SIZE, FAINT, weight="bold", transform=axes.transAxes)
+            write_text(axes, at, direction[0].upper(), TEXT_SIZE, FAINT, weight="bold", transform=axes.transAxes)
         side = "behind" if view.towards == "posterior" else "the front"
-        _heading(axes, f"Seen from {side} ({view.towards} view)", 0.1)
+        write_heading(axes, f"Seen from {side} ({view.towards} view)", 0.1)
         x, y = left + 0.1 * mm_per_inch, bottom_mm + 0.05 * mm_per_inch
         axes.plot([x, x + 20.0], [y, y], color=INK, linewidth=2.0, solid_capstyle="butt")
-        _text(axes, (x + 10.0, y + 0.11 * mm_per_inch), "20 mm", SMALL_SIZE)
+        write_text(axes, (x + 10.0, y + 0.11 * mm_per_inch), "20 mm", SMALL_SIZE)
 
 
 def _draw_map(axes: Axes, data: MapData, paint: Paint) -> None:
     template = data.template
-    left, bottom = (float(x) - template.radius for x in template.outer.shape.centre)
-    raster = rasterise(data.flat, data.triangles, left, bottom, 2.0 * template.radius / MAP_DOTS, (MAP_DOTS, MAP_DOTS))
-    _show(axes, raster, paint.rgb(raster))
+    raster = rasterise_map(data.flat, data.triangles)
+    show_raster(axes, raster, paint.rgb(raster))
     _draw_template(axes, template)
     if REGION_ARRAY in data.surface.cell_data:
         regions = np.asarray(data.surface.cell_data[REGION_ARRAY]).astype(np.int64)
         for region, (place, _) in raster.inmost_places(regions, raster.front).items():
-            _text(axes, place, f"R{region}", HEADING_SIZE, weight="bold", halo=True)
+            write_text(axes, place, f"R{region}", HEADING_SIZE, weight="bold", halo=True)
 
 
 def _draw_grid(axes: Axes, found: Comparison, colours: FloatArray, values: FloatArray) -> None:
@@ -315,12 +310,12 @@ def _draw_grid(axes: Axes, found: Comparison, colours: FloatArray, values: Float
 def _draw_template(axes: Axes, template: Template) -> None:
     """Rims, borders of regions and names of openings, and the limits of the axes."""
     for path in template.anatomy.paths:
-        _line(axes, template.segment(path), BORDER_COLOUR, 0.9)
+        draw_line(axes, template.segment(path), BORDER_COLOUR, 0.9)
     for opening in template.anatomy.openings:
         outline = template.rim(opening).shape.outline()
-        _line(axes, np.concatenate([outline, outline[:1]]), RIM_COLOUR, 1.6)
+        draw_line(axes, np.concatenate([outline, outline[:1]]), RIM_COLOUR, 1.6)
     for hole, rim in template.holes.items():
-        _text(axes, rim.shape.centre, hole, SMALL_SIZE - 1.0, weight="bold")
+        write_text(axes, rim.shape.centre, hole, SMALL_SIZE - 1.0, weight="bold")
     centre, reach = np.array(template.outer.shape.centre), 1.02 * template.radius * np.array([-1.0, 1.0])
     axes.set(xlim=centre[0] + reach, ylim=centre[1] + reach, xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
@@ -366,7 +361,7 @@ def _agreement_table(figure: Figure, found: Comparison) -> None:
     for number, part in enumerate(found.parts[:MOST_PARTS]):
         name = part.name if part.region == 0 else f"R{part.region} {part.name}"
         words = [name, f"{part.area_cm2:.1f}", f"{part.pearson:.3f}", f"{part.spearman:.3f}", f"{part.mean_a:.4g}"]
-        words += [f"{part.mean_b:.4g}", f"{round(part.difference, 9):.3g}, {part.difference_sd:.3g}"]
+        words += [f"{part.mean_b:.4g}", f"{round(part.difference, 9) + 0.0:.3g}, {part.difference_sd:.3g}"]
         words += [f"{part.missing_percent:.1f}", f"{part.dice:.3f}"]
         cells = [(word.replace("nan", "-"), at) for word, (_, at) in zip(words, columns, strict=True)]
         _row(figure, 1.9 - 0.18 * number, cells, INK)

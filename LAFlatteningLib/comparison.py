@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from . import operators
 from ._version import __version__
 from .errors import LAFlatteningError, TemplateError
-from .fibrosis import corner_values
+from .fibrosis import DIRECTIONS, corner_values
 from .flattening.flat_map import FlatMap
 from .map_data import MapData
 from .parcellation import Parcellation, Part
@@ -86,9 +86,11 @@ class Comparison:
     ----------
     array_a, array_b : what was compared.
     threshold_a, threshold_b : of the overlap, or None.
-    direction : "above" or "below": on which side of its threshold a value counts.
+    direction_a, direction_b : "above" or "below": which values are diseased, and on which side of its threshold a value
+        counts.
     scale : of the difference. "values": of one quantity, in its unit. "ranks": of two quantities that cannot be
-        subtracted (enhancement and voltage): each value is the percentile of its place on its own map, by area.
+        subtracted (enhancement and voltage): each value is the percentile of its place on its own map, by area, from
+        normal to diseased.
     template : of both maps.
     places : (k, 2) map units, where either map has triangles.
     row, column : (k,) of the places in the grid, row 0 at the bottom.
@@ -103,7 +105,8 @@ class Comparison:
     array_b: str
     threshold_a: float | None
     threshold_b: float | None
-    direction: str
+    direction_a: str
+    direction_b: str
     scale: str
     template: Template
     places: FloatArray
@@ -130,7 +133,17 @@ class Comparison:
     @property
     def scaled(self) -> tuple[FloatArray, FloatArray]:
         """(k,) and (k,): the values, or their percentiles, 0 to 100, among the common places."""
-        return _scaled(self.values_a, self.values_b, self.weights, self.scale)
+        return _scaled(self.values_a, self.values_b, self.weights, self.scale, self.direction_a, self.direction_b)
+
+    @property
+    def beyond_a(self) -> BoolArray:
+        """(k,) whether A is beyond its threshold; nowhere without one."""
+        return _beyond(self.values_a, self.threshold_a, self.direction_a)
+
+    @property
+    def beyond_b(self) -> BoolArray:
+        """(k,) whether B is beyond its threshold."""
+        return _beyond(self.values_b, self.threshold_b, self.direction_b)
 
     def picture(self, values: NDArray) -> FloatArray:
         """Values (k,) at the places as a picture of `GRID` rows and columns, NaN elsewhere; row 0 at the bottom."""
@@ -146,7 +159,8 @@ class Comparison:
             "array_b": self.array_b,
             "threshold_a": self.threshold_a,
             "threshold_b": self.threshold_b,
-            "direction": self.direction,
+            "direction_a": self.direction_a,
+            "direction_b": self.direction_b,
             "scale": self.scale,
             "template": self.template.name,
             "grid": GRID,
@@ -172,7 +186,8 @@ def compare_maps(
     array_b: str,
     threshold_a: float | None = None,
     threshold_b: float | None = None,
-    direction: str = "above",
+    direction_a: str = "above",
+    direction_b: str = "above",
     scale: str = "auto",
 ) -> Comparison:
     """Compare an array of one map with an array of another, at the same places of their template.
@@ -185,7 +200,8 @@ def compare_maps(
     a, b : maps, or the surfaces that map files hold; of the same template.
     array_a, array_b : scalar point or cell arrays.
     threshold_a, threshold_b : both, for the overlap of what reaches them (Dice), or neither.
-    direction : "above" (a value counts from its threshold on) or "below" (where it is less), as for low voltage.
+    direction_a, direction_b : "above" (a value counts from its threshold on) or "below" (where it is less), as for low
+        voltage.
     scale : "values", "ranks" (see `Comparison`), or "auto": values if both arrays have the same name.
 
     Raises
@@ -198,8 +214,9 @@ def compare_maps(
     _check_templates(one.template, other.template)
     if (threshold_a is None) != (threshold_b is None):
         raise LAFlatteningError("The overlap needs a threshold for each map; found one. Give both, or none.")
-    if direction not in ("above", "below"):
-        raise LAFlatteningError(f'Expected the direction "above" or "below", found "{direction}".')
+    for direction in (direction_a, direction_b):
+        if direction not in DIRECTIONS:
+            raise LAFlatteningError(f'Expected the direction "above" or "below", found "{direction}".')
     if scale not in ("auto", "values", "ranks"):
         raise LAFlatteningError(f'Expected the scale "auto", "values" or "ranks", found "{scale}".')
     if scale == "auto":
@@ -220,12 +237,14 @@ def compare_maps(
             f'"{array_a}" and "{array_b}" have hardly any value at a common place of the maps. Check where each of '
             "them has values."
         )
-    scaled_a, scaled_b = _scaled(values_a, values_b, weights, scale)
+    scaled_a, scaled_b = _scaled(values_a, values_b, weights, scale, direction_a, direction_b)
     difference = scaled_b - scaled_a
+    beyond_a, beyond_b = _beyond(values_a, threshold_a, direction_a), _beyond(values_b, threshold_b, direction_b)
 
     def part(region: int, name: str, own: BoolArray) -> Agreement:
         values = (values_a[own], values_b[own], weights[own], difference[own])
-        return _agreement(region, name, *values, threshold_a, threshold_b, direction)
+        beyond = (beyond_a[own], beyond_b[own]) if threshold_a is not None else None
+        return _agreement(region, name, *values, beyond)
 
     whole = part(0, DISK, np.ones(len(places), bool))
     parts = [whole]
@@ -242,7 +261,8 @@ def compare_maps(
         array_b,
         threshold_a,
         threshold_b,
-        direction,
+        direction_a,
+        direction_b,
         scale,
         one.template,
         places,
@@ -319,13 +339,22 @@ def _regions(template: Template, places: FloatArray) -> IntArray:
     return Parcellation("regions", template.anatomy, tuple(parts)).labels_at(places, template)
 
 
-def _scaled(a: FloatArray, b: FloatArray, weights: FloatArray, scale: str) -> tuple[FloatArray, FloatArray]:
+def _beyond(values: FloatArray, threshold: float | None, direction: str) -> BoolArray:
+    if threshold is None:
+        return np.zeros(len(values), bool)
+    return values >= threshold if direction == "above" else values < threshold
+
+
+def _scaled(
+    a: FloatArray, b: FloatArray, weights: FloatArray, scale: str, direction_a: str, direction_b: str
+) -> tuple[FloatArray, FloatArray]:
     if scale == "values":
         return a, b
     both = np.isfinite(a) & np.isfinite(b)
     ranks = np.full((2, len(a)), np.nan)
-    for row, values in zip(ranks, (a, b), strict=True):
-        row[both] = 100.0 * weighted_ranks(values[both], weights[both])
+    for row, values, direction in zip(ranks, (a, b), (direction_a, direction_b), strict=True):
+        rank = weighted_ranks(values[both], weights[both])
+        row[both] = 100.0 * (rank if direction == "above" else 1.0 - rank)
     return ranks[0], ranks[1]
 
 
@@ -336,9 +365,7 @@ def _agreement(
     b: FloatArray,
     weights: FloatArray,
     difference: FloatArray,
-    threshold_a: float | None,
-    threshold_b: float | None,
-    direction: str,
+    beyond: tuple[BoolArray, BoolArray] | None,
 ) -> Agreement:
     both = np.isfinite(a) & np.isfinite(b)
     total = float(weights.sum())
@@ -350,9 +377,8 @@ def _agreement(
     share = weights / area
     mean = float(share @ difference)
     dice = percent_a = percent_b = float("nan")
-    if threshold_a is not None and threshold_b is not None:
-        above = direction == "above"
-        in_a, in_b = (a >= threshold_a) == above, (b >= threshold_b) == above
+    if beyond is not None:
+        in_a, in_b = beyond[0][both], beyond[1][both]
         percent_a, percent_b = 100.0 * float(share[in_a].sum()), 100.0 * float(share[in_b].sum())
         if percent_a + percent_b > 0.0:
             dice = 200.0 * float(share[in_a & in_b].sum()) / (percent_a + percent_b)

@@ -9,9 +9,10 @@ from pathlib import Path
 
 from ..analysis_figures import draw_comparison, draw_difference
 from ..comparison import Comparison, compare_maps
-from ..figures import check_figure_path
+from ..fibrosis import DIRECTIONS
 from ..files import atomic_write, check_writable, read_surface
 from ..map_data import MapData
+from ..page import check_figure_path
 from .command import Subcommands, add_command
 from .progress import Progress
 
@@ -34,9 +35,13 @@ def add(commands: Subcommands) -> None:
     sub.add_argument("--array-b", required=True, metavar="NAME", help="array of map B")
     sub.add_argument("--threshold-a", type=float, metavar="T", help="for the overlap (Dice): what counts on A")
     sub.add_argument("--threshold-b", type=float, metavar="T", help="and on B")
-    sub.add_argument(
-        "--direction", choices=("above", "below"), default="above", help="side of the thresholds (default: %(default)s)"
-    )
+    for letter in "ab":
+        sub.add_argument(
+            f"--direction-{letter}",
+            choices=DIRECTIONS,
+            default=DIRECTIONS[0],
+            help=f"which values of {letter.upper()} are diseased; below: low voltage (default: %(default)s)",
+        )
     sub.add_argument(
         "--scale",
         choices=("auto", "values", "ranks"),
@@ -61,7 +66,8 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
         options.array_b,
         options.threshold_a,
         options.threshold_b,
-        options.direction,
+        options.direction_a,
+        options.direction_b,
         options.scale,
     )
     for path in paths:

@@ -10,9 +10,9 @@ from ..analysis_figures import draw_fibrosis
 from ..blood_pool import BloodPool, blood_pool_of_labels, find_blood_pool, given_blood_pool
 from ..errors import InputFileError
 from ..fibrosis import DIRECTIONS, Fibrosis, Rule, measure_fibrosis, on_atrium
-from ..figures import check_figure_path
 from ..files import atomic_write, check_writable, read_surface, read_volume
 from ..map_data import MapData
+from ..page import check_figure_path
 from ..parcellation import Parcellation, builtin_parcellations
 from ..surface import IntArray, Surface
 from .command import Subcommands, add_command, check_distinct

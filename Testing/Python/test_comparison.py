@@ -124,6 +124,12 @@ def test_quantities_that_cannot_be_subtracted_are_compared_by_rank(phantom_map):
     # Opposite orders, as far as both are linear in a triangle.
     assert np.abs(a + b - 100.0).max() < 3.0
     assert 0.0 <= a.min() < 0.1 and 99.9 < a.max() <= 100.0
+    # Low voltage is diseased: then the two say the same, and overlap.
+    limits = np.percentile(values, 80), np.exp(-np.percentile(values, 80) / 20.0)
+    alike = compare_maps(both, both, "LGE", "voltage", *limits, direction_b="below")
+    assert np.abs(alike.difference).max() < 3.0
+    assert alike.whole.spearman == found.whole.spearman
+    assert alike.whole.dice > 0.97
     same = compare_maps(both, both, "LGE", "voltage", scale="values")
     assert same.whole.difference == pytest.approx(same.whole.mean_b - same.whole.mean_a)
 
