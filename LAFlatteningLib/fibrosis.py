@@ -297,7 +297,7 @@ def measure_fibrosis(
     >>> from LAFlatteningLib.phantom import make_phantom
     >>> found = measure_fibrosis(make_phantom(2000).surface, "LGE", Rule("value", (120.0,)))
     >>> round(found.atrium.beyond_percent)
-    8
+    15
     """
     surface, data = on_atrium(atrium)
     anatomy = anatomy or (data.template.anatomy if data is not None else LEFT_ATRIUM)

@@ -154,7 +154,7 @@ def test_overlap_of_classes_below_thresholds(phantom_map):
     x = surface.points[:, 0]
     left, right = np.median(x) - 5.0, np.median(x) + 5.0
     found = compare_maps(
-        with_array(phantom_map, "x", x), with_array(phantom_map, "x", x), "x", "x", left, right, "below"
+        with_array(phantom_map, "x", x), with_array(phantom_map, "x", x), "x", "x", left, right, "below", "below"
     )
     a, b = found.whole.percent_a, found.whole.percent_b
     assert 0.0 < a < b < 100.0
