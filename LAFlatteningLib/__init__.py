@@ -9,6 +9,7 @@ Three lines from files to map::
 
 from ._version import __version__
 from .anatomy import LEFT_ATRIUM, Anatomy
+from .comparison import compare_maps
 from .errors import (
     Cancelled,
     FoldError,
@@ -18,14 +19,17 @@ from .errors import (
     SurfaceError,
     TemplateError,
 )
-from .files import read_seeds, read_surface, write_seeds, write_surface
+from .fibrosis import Rule, measure_fibrosis
+from .files import read_seeds, read_surface, read_volume, write_seeds, write_surface
 from .flattening import FlatMap, Flattener, flatten
 from .gaps import find_gaps
 from .map_data import MapData
 from .parcellation import Parcellation
 from .phantom import Phantom, make_phantom
+from .projection import project
 from .surface import Surface
 from .template import Template, builtin_templates
+from .volume import Volume
 
 __all__ = [
     "LEFT_ATRIUM",
@@ -39,18 +43,24 @@ __all__ = [
     "MapData",
     "Parcellation",
     "Phantom",
+    "Rule",
     "SeedError",
     "Surface",
     "SurfaceError",
     "Template",
     "TemplateError",
+    "Volume",
     "__version__",
     "builtin_templates",
+    "compare_maps",
     "find_gaps",
     "flatten",
     "make_phantom",
+    "measure_fibrosis",
+    "project",
     "read_seeds",
     "read_surface",
+    "read_volume",
     "write_seeds",
     "write_surface",
 ]

@@ -197,15 +197,25 @@ class Surface:
         return (half + half.T).tocsr()
 
     @property
-    def enclosed_volume(self) -> float:
-        """Volume inside the surface, mm3, each opening capped by a fan to the centre of its rim; positive where
-        triangles face outwards."""
+    def lps_signs(self) -> FloatArray:
+        """(3,) factors by which coordinates of `points`, and directions, become those in LPS."""
+        return np.array([1.0, 1.0, 1.0]) if self.space == "LPS" else np.array([-1.0, -1.0, 1.0])
+
+    @property
+    def capped(self) -> tuple[FloatArray, IntArray]:
+        """Points and triangles of the surface with each opening covered by a fan to the centre of its rim; the
+        centres come after the points of the surface, the fans after its triangles."""
         points, triangles = [self.points], [self.triangles]
         for k, loop in enumerate(self.boundary_loops):
             points.append(self.points[loop].mean(axis=0, keepdims=True))
             centre = np.full(len(loop), len(self.points) + k)
             triangles.append(np.column_stack([np.roll(loop, -1), loop, centre]))
-        return operators.signed_volume(np.concatenate(points), np.concatenate(triangles))
+        return np.concatenate(points), np.concatenate(triangles)
+
+    @property
+    def enclosed_volume(self) -> float:
+        """Volume inside the surface, mm3, each opening `capped`; positive where triangles face outwards."""
+        return operators.signed_volume(*self.capped)
 
     def loop_length(self, loop: IntArray) -> float:
         """Length of a closed line of point ids, mm: the perimeter of a rim."""

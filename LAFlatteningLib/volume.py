@@ -97,13 +97,14 @@ class Volume:
 
         Half a voxel beyond the outermost centres counts as outside: nothing is extrapolated.
         """
-        index = self.indices(positions)
+        # One row for each of k, j, i: long rows are several times faster than rows of three.
+        index = np.ascontiguousarray(self.indices(positions).T[::-1])
+        last = np.array(self.values.shape)[:, None] - 1.0
         # Rounding must not push a place on the border outside.
-        last = np.array(self.values.shape[::-1]) - 1.0
-        outside = ((index < -1e-6) | (index > last + 1e-6)).any(axis=1)
-        index = np.clip(index, 0.0, last)
+        outside = ((index < -1e-6) | (index > last + 1e-6)).any(axis=0)
+        np.clip(index, 0.0, last, out=index)
         values = map_coordinates(
-            self.values, index.T[::-1], order=0 if nearest else 1, mode="nearest", output=np.float64, prefilter=False
+            self.values, index, order=0 if nearest else 1, mode="nearest", output=np.float64, prefilter=False
         )
         values[outside] = np.nan
         return values

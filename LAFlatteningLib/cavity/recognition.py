@@ -184,6 +184,6 @@ def _refuse_other_axes(
         )
     if other.misfit <= min(better, MIRROR_RATIO * turned.misfit):
         raise SurfaceError(
-            f"{_UNLIKE}, but as in its mirror image, turned by {other.degrees:.0f} degrees. Check the direction matrix of "
-            "the image and the patient axes of the file."
+            f"{_UNLIKE}, but as in its mirror image, turned by {other.degrees:.0f} degrees. Check the direction matrix "
+            "of the image and the patient axes of the file."
         )

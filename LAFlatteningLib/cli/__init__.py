@@ -12,13 +12,13 @@ from collections.abc import Sequence
 
 from .._version import __version__
 from ..errors import LAFlatteningError
-from . import demo, flatten, gaps, info, prepare, run
+from . import compare, demo, fibrosis, flatten, gaps, info, prepare, project, run
 from .progress import Progress
 
 BAD_INPUT = 2
 """Exit code for input that cannot be used."""
 
-COMMANDS = (run, prepare, flatten, gaps, demo, info)
+COMMANDS = (run, prepare, flatten, project, fibrosis, gaps, compare, demo, info)
 """In the order of the help."""
 
 

@@ -49,7 +49,7 @@ def test_section_tells_what_it_goes_round(sphere):
     section = plane_section(sphere, np.array([5.0, -3.0, 20.0]), UP)
     through = np.array([[6.0, -3.0, 0.0], [6.0, -3.0, 40.0]])
     assert section.encloses(through)
-    assert not section.encloses(through + [40.0, 0, 0])
+    assert not section.encloses(through + np.array([40.0, 0, 0]))
     assert not section.encloses(np.array([[6.0, -3.0, 21.0], [6.0, -3.0, 40.0]]))
     beside = np.array([[6.0, -3.0, 22.0], [7.0, -3.0, 22.0]])
     assert section.cuts_into(beside, np.full(2, 3.0))

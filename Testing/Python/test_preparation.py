@@ -160,7 +160,7 @@ def test_seeds_out_of_order_are_refused(prepared):
 
 
 def test_tips_of_the_user_name_the_tubes(closed, prepared):
-    marked = {name: tip + [0.5, -0.5, 0.5] for name, tip in closed.tips.items()}
+    marked = {name: tip + np.array([0.5, -0.5, 0.5]) for name, tip in closed.tips.items()}
     again = prepare(closed.surface, AS_IT_IS, tips=marked)
     assert again.plan.confidence == "given"
     for name in HOLES:
@@ -255,7 +255,7 @@ def test_other_axes_are_refused_and_can_be_ignored(closed, prepared):
     with pytest.raises(SurfaceError):
         prepare(mirrored, replace(AS_IT_IS, ignore_axes=True))
     turned = replace(closed.surface, points=closed.surface.points[:, [1, 2, 0]])
-    with pytest.raises(SurfaceError, match="turned by|axes"):
+    with pytest.raises(SurfaceError, match=r"turned by|axes"):
         prepare(turned, AS_IT_IS)
     again = prepare(turned, replace(AS_IT_IS, ignore_axes=True))
     for name, opening in again.plan.openings.items():
@@ -272,7 +272,7 @@ def three_veins(closed):
 
 
 def test_what_is_no_left_atrium_is_refused(closed, three_veins):
-    with pytest.raises(SurfaceError, match="LIPV was not found|found 4"):
+    with pytest.raises(SurfaceError, match=r"LIPV was not found|found 4"):
         prepare(three_veins, AS_IT_IS)
     twice = dict(closed.tips) | {"RIPV": closed.tips["RSPV"] + 0.5}
     with pytest.raises(SeedError, match="on one vein"):
@@ -441,7 +441,7 @@ def test_published_cuts(data_dir, case, surface, with_tips):
 def test_names_agree_with_tags(data_dir):
     """dtmri_endo1 is in axes of its own (it lies as in RAS), its appendage is closed."""
     surface = read_surface(data_dir / "labelled" / "dtmri_endo1.vtp")
-    with pytest.raises(SurfaceError, match="RAS|axes"):
+    with pytest.raises(SurfaceError, match=r"RAS|axes"):
         prepare(surface, AS_IT_IS)
     result = prepare(surface, replace(AS_IT_IS, ignore_axes=True))
     tags = {"LAA": 13, "LSPV": 21, "LIPV": 23, "RSPV": 25, "RIPV": 27}

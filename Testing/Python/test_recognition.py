@@ -51,7 +51,7 @@ def test_message_names_the_cause():
     with pytest.raises(SurfaceError, match="as in RAS"):
         recognise(directions * [-1, -1, 1], [20.0] * 5, LEFT_ATRIUM)
     turned = Rotation.from_euler("x", 90, degrees=True).apply(directions)
-    with pytest.raises(SurfaceError, match="turned by 9[0-9] degrees|turned by 8[0-9] degrees"):
+    with pytest.raises(SurfaceError, match=r"turned by 9[0-9] degrees|turned by 8[0-9] degrees"):
         recognise(turned, [20.0] * 5, LEFT_ATRIUM)
     with pytest.raises(VeinsMissingError, match=r"Expected 5 .* found 4"):
         recognise(directions[:4], [20.0] * 4, LEFT_ATRIUM)
@@ -59,7 +59,7 @@ def test_message_names_the_cause():
 
 def test_a_bump_is_not_taken_for_a_vein():
     directions, truth = disturbed(1)
-    bump = np.array([LEFT_ATRIUM.layout["RIPV"]]) + [0.05, 0.1, -0.1]
+    bump = np.array([LEFT_ATRIUM.layout["RIPV"]]) + np.array([0.05, 0.1, -0.1])
     more = np.concatenate([directions, bump / np.linalg.norm(bump)])
     assert recognise(more, [20.0] * 5 + [3.0], LEFT_ATRIUM).index == truth
 

@@ -1,0 +1,375 @@
+"""Pages that show what is read off a map: classes of fibrosis or voltage, and two maps compared."""
+
+from __future__ import annotations
+
+import textwrap
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ._version import __version__
+from .comparison import Comparison
+from .fibrosis import Fibrosis, on_atrium
+from .figures import BORDER_COLOUR, INSIDE, RIM_COLOUR, VIEW_DOTS_PER_INCH
+from .flattening.flat_map import REGION_ARRAY, FlatMap
+from .map_data import MapData
+from .page import (
+    DOTS_PER_INCH,
+    FAINT,
+    HEADING_SIZE,
+    INK,
+    PAGE_INCHES,
+    SMALL_SIZE,
+    TEXT_SIZE,
+    TITLE_SIZE,
+    add_axes,
+    draw_line,
+    rasterise_map,
+    require_matplotlib,
+    save_page,
+    show_raster,
+    write_heading,
+    write_text,
+)
+from .shading import NO_VALUE, OPPOSITE, FloatArray, Paint, label_of, rasterise, shade, standard_view
+from .surface import Surface
+from .template import Template
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+NORMAL_COLOUR = "#c6dbef"
+CLASS_COLOURS = {1: ("#c51b1b",), 2: ("#f2a93b", "#a50f15")}
+"""Colours of the classes beyond normal, by their number; told apart with any colour blindness, and in print."""
+ONLY_A, ONLY_B, BOTH, NEITHER = "#4477AA", "#EE8866", "#3b1f4a", "#e4e4e4"
+DISCLAIMER = "Not a medical device. For research."
+MOST_PARTS = 12
+"""More lines of a table do not fit on the page."""
+
+
+def draw_fibrosis(atrium: FlatMap | MapData | Surface, found: Fibrosis, path: Path | str) -> None:
+    """Write one page: classes on the atrium from behind and from the front, on its map, and areas by region.
+
+    Parameters
+    ----------
+    atrium : what `measure_fibrosis` was given; of an atrium without a map, the map is left out.
+    path : .png, .pdf or .svg.
+
+    Raises
+    ------
+    MissingPackageError : matplotlib is not installed.
+    InputFileError : another file type, or the file cannot be written.
+    """
+    save_page(path, lambda: make_fibrosis_figure(atrium, found))
+
+
+def draw_comparison(found: Comparison, path: Path | str, *, names: tuple[str, str] = ("A", "B")) -> None:
+    """Write one page: both maps with one colour bar, and their agreement by region; errors as `draw_fibrosis`.
+
+    Parameters
+    ----------
+    names : what the maps are called on the page.
+    """
+    save_page(path, lambda: make_comparison_figure(found, names=names))
+
+
+def draw_difference(found: Comparison, path: Path | str, *, names: tuple[str, str] = ("A", "B")) -> None:
+    """Write one page: the difference B - A, and where both reach their thresholds; parameters as `draw_comparison`."""
+    save_page(path, lambda: make_difference_figure(found, names=names))
+
+
+def make_fibrosis_figure(atrium: FlatMap | MapData | Surface, found: Fibrosis) -> Figure:
+    """The page of `draw_fibrosis` as a matplotlib Figure, with axes "posterior", "anterior" (mm), "map" (map units)."""
+    require_matplotlib()
+    surface, data = on_atrium(atrium)
+    paint = class_paint(surface, found)
+    figure = _page(f"{found.array}: {found.atrium.beyond_percent:.1f} % of the atrium {_beyond(found)}", _facts(found))
+    _views(figure, surface, paint)
+    if data is not None:
+        axes = add_axes(figure, "map", (4.35, 1.75, 5.2, 5.2))
+        _draw_map(axes, data, paint)
+        outer = data.template.anatomy.openings[data.template.anatomy.outer]
+        write_heading(axes, f"Map, seen from outside (outer rim: {outer})", 0.2)
+    _class_legend(figure, paint, found)
+    _class_table(figure, found)
+    return figure
+
+
+def make_comparison_figure(found: Comparison, *, names: tuple[str, str] = ("A", "B")) -> Figure:
+    """The page of `draw_comparison` as a matplotlib Figure, with axes "A", "B" (map units) and "colours"."""
+    require_matplotlib()
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    a, b = found.scaled
+    if found.scale == "ranks":
+        low, high, label = 0.0, 100.0, "percentile on its own map, by area, from normal to diseased (%)"
+    else:
+        known = np.concatenate([a[np.isfinite(a)], b[np.isfinite(b)]])
+        low, high = (float(x) for x in np.percentile(known, [1, 99]))
+        label = label_of(found.array_a)
+    if low == high:
+        low, high = low - 0.5, high + 0.5
+    whole = found.whole
+    title = f"{names[0]} and {names[1]}: Pearson r = {whole.pearson:.2f}, Spearman rho = {whole.spearman:.2f}"
+    figure = _page(title, _comparison_facts(found))
+    cmap, norm = colormaps["plasma"], Normalize(low, high)
+    for letter, name, array, values, left in (
+        ("A", names[0], found.array_a, a, 0.3), ("B", names[1], found.array_b, b, 5.3),
+    ):  # fmt: skip
+        axes = add_axes(figure, letter, (left, 2.75, 4.7, 4.7))
+        _draw_grid(axes, found, cmap(norm(found.picture(values))), found.picture(values))
+        write_heading(axes, f"{letter}: {name}, {array}", 0.05)
+    bar = add_axes(figure, "colours", (10.35, 3.2, 0.17, 3.8))
+    shown = figure.colorbar(ScalarMappable(norm, cmap), cax=bar, extend="neither" if low == 0.0 else "both")
+    shown.set_label(label, size=TEXT_SIZE, color=INK, parse_math=False)
+    bar.tick_params(labelsize=SMALL_SIZE, colors=INK)
+    _agreement_table(figure, found)
+    return figure
+
+
+def make_difference_figure(found: Comparison, *, names: tuple[str, str] = ("A", "B")) -> Figure:
+    """The page of `draw_difference` as a matplotlib Figure, with axes "difference", "colours", and "overlap" where
+    there are thresholds."""
+    require_matplotlib()
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize, to_rgb
+    from matplotlib.patches import Patch
+
+    difference = found.picture(found.difference)
+    reach = float(np.percentile(np.abs(found.difference[np.isfinite(found.difference)]), 99)) or 1.0
+    unit = "percentiles" if found.scale == "ranks" else label_of(found.array_a)
+    figure = _page(f"{names[1]} minus {names[0]}", _comparison_facts(found))
+    axes = add_axes(figure, "difference", (0.3, 2.75, 4.7, 4.7))
+    cmap, norm = colormaps["RdBu_r"], Normalize(-reach, reach)
+    _draw_grid(axes, found, cmap(norm(difference)), difference)
+    write_heading(axes, "Difference, B minus A", 0.05)
+    bar = add_axes(figure, "colours", (5.1, 3.2, 0.17, 3.8))
+    shown = figure.colorbar(ScalarMappable(norm, cmap), cax=bar, extend="both")
+    shown.set_label(f"difference, {unit}", size=TEXT_SIZE, color=INK, parse_math=False)
+    bar.tick_params(labelsize=SMALL_SIZE, colors=INK)
+    if found.threshold_a is not None and found.threshold_b is not None:
+        known = np.isfinite(found.values_a) & np.isfinite(found.values_b)
+        kinds = found.beyond_a + 2 * found.beyond_b
+        grid = found.picture(np.where(known, kinds, np.nan))
+        colours = np.array([to_rgb(one) for one in (NEITHER, ONLY_A, ONLY_B, BOTH)])
+        axes = add_axes(figure, "overlap", (6.15, 2.75, 4.7, 4.7))
+        _draw_grid(axes, found, colours[np.nan_to_num(grid).astype(int)], grid)
+        dice = "no overlap is possible" if np.isnan(found.whole.dice) else f"Dice {found.whole.dice:.2f}"
+        write_heading(axes, f"Overlap: {dice}", 0.05)
+        sign_a, sign_b = ("≥" if side == "above" else "<" for side in (found.direction_a, found.direction_b))
+        words = (
+            f"only A ({found.array_a} {sign_a} {found.threshold_a:g})",
+            f"only B ({found.array_b} {sign_b} {found.threshold_b:g})",
+            "both",
+            "neither",
+        )
+        handles = [Patch(facecolor=c, label=w) for c, w in zip((ONLY_A, ONLY_B, BOTH, NEITHER), words, strict=True)]
+        axes.legend(
+            handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=4, frameon=False, fontsize=SMALL_SIZE,
+            labelcolor=INK,
+        )  # fmt: skip
+    _agreement_table(figure, found)
+    return figure
+
+
+def class_paint(surface: Surface, found: Fibrosis) -> Paint:
+    """The colours of the classes: bands whose borders are where the array, linear in each triangle, has a threshold."""
+    from matplotlib.colors import BoundaryNorm, ListedColormap
+
+    on_points = found.array in surface.point_data
+    array = (surface.point_data if on_points else surface.cell_data)[found.array]
+    values = np.array(array, np.float64).reshape(-1)
+    values[~np.isfinite(values)] = np.nan
+    limits, colours = list(found.thresholds), class_colours(found)
+    if found.rule.direction == "below":
+        limits, colours = limits[::-1], colours[::-1]
+    known = values[np.isfinite(values)]
+    # The outer bands end beyond every value.
+    ends = [min(known.min(), limits[0]) - 1.0, max(known.max(), limits[-1]) + 1.0]
+    norm = BoundaryNorm([ends[0], *limits, ends[1]], len(colours))
+    return Paint(found.array, values, on_points, ListedColormap(colours), norm)
+
+
+def class_colours(found: Fibrosis) -> list[str]:
+    """A colour for each class, normal first."""
+    from matplotlib import colormaps
+    from matplotlib.colors import to_hex
+
+    count = len(found.thresholds)
+    if count in CLASS_COLOURS:
+        return [NORMAL_COLOUR, *CLASS_COLOURS[count]]
+    return [NORMAL_COLOUR, *(to_hex(one) for one in colormaps["YlOrRd"](np.linspace(0.3, 1.0, count)))]
+
+
+# ---- parts of a page -------------------------------------------------------------------------------------------------
+
+
+def _page(title: str, facts: list[str]) -> Figure:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=PAGE_INCHES, dpi=DOTS_PER_INCH, facecolor="white")
+    centred: dict[str, Any] = {"ha": "center", "va": "center", "parse_math": False}
+    figure.text(0.5, 1.0 - 0.32 / PAGE_INCHES[1], title, size=TITLE_SIZE, color=INK, **centred)
+    text = "  ·  ".join([*facts, DISCLAIMER, f"LAFlattening {__version__}"])
+    figure.text(0.5, 0.16 / PAGE_INCHES[1], text, size=SMALL_SIZE, color=FAINT, **centred)
+    return figure
+
+
+def _beyond(found: Fibrosis) -> str:
+    """The first threshold in words."""
+    unit = f" {found.unit}" if found.unit else ""
+    return f"{'at' if found.rule.direction == 'above' else 'below'} {found.thresholds[0]:.4g}{unit}" + (
+        " or more" if found.rule.direction == "above" else ""
+    )
+
+
+def _facts(found: Fibrosis) -> list[str]:
+    facts = [f"rule {found.rule}", "areas measured on the atrium in 3D"]
+    if found.blood_pool is not None:
+        pool = found.blood_pool
+        volume = f", {pool.volume_ml:.1f} ml" if pool.volume_ml is not None else ""
+        facts.append(f"blood pool {pool.mean:.4g}, SD {pool.sd:.3g} ({pool.how}{volume})")
+    return facts
+
+
+def _comparison_facts(found: Comparison) -> list[str]:
+    return [
+        f"template {found.template.name}",
+        "weighted by area on the atria",
+        f"{found.whole.missing_percent:.1f} % of the area left out (no value)",
+    ]
+
+
+def _views(figure: Figure, surface: Surface, paint: Paint) -> None:
+    """The atrium from behind and from the front, at one scale."""
+    views = [standard_view(name, surface.space) for name in ("posterior", "anterior")]
+    frames = [view.project(surface.points[surface.used_points])[:, :2] for view in views]
+    size = np.array([3.7, 3.1])
+    mm_per_inch = max(float((np.ptp(frame, axis=0) / (size - (0.6, 0.4))).max()) for frame in frames)
+    for view, frame, bottom in zip(views, frames, (4.3, 0.75), strict=True):
+        axes = add_axes(figure, view.name, (0.2, bottom, *size))
+        low = 0.5 * (frame.min(axis=0) + frame.max(axis=0)) - 0.5 * mm_per_inch * size
+        columns, rows = (int(count) for count in np.round(size * VIEW_DOTS_PER_INCH))
+        projected = view.project(surface.points)
+        raster = rasterise(
+            projected, surface.triangles, low[0], low[1], mm_per_inch / VIEW_DOTS_PER_INCH, (rows, columns)
+        )
+        normals = view.project(surface.point_normals)
+        colours = np.where(raster.front[:, None], paint.rgb(raster), INSIDE)
+        show_raster(axes, raster, shade(raster, colours, raster.interpolate(normals)))
+        for loop in surface.boundary_loops if surface.is_manifold else ():
+            closed = np.append(loop, loop[0])
+            draw_line(axes, raster.visible_part(projected[closed]), RIM_COLOUR, 1.2)
+        left, right, bottom_mm, top = raster.extent
+        axes.set(xlim=(left, right), ylim=(bottom_mm, top), xticks=[], yticks=[])
+        axes.spines[:].set_visible(False)
+        for at, direction in (((0.01, 0.5), OPPOSITE[view.right]), ((0.99, 0.5), view.right)):
+            write_text(axes, at, direction[0].upper(), TEXT_SIZE, FAINT, weight="bold", transform=axes.transAxes)
+        side = "behind" if view.towards == "posterior" else "the front"
+        write_heading(axes, f"Seen from {side} ({view.towards} view)", 0.1)
+        x, y = left + 0.1 * mm_per_inch, bottom_mm + 0.05 * mm_per_inch
+        axes.plot([x, x + 20.0], [y, y], color=INK, linewidth=2.0, solid_capstyle="butt")
+        write_text(axes, (x + 10.0, y + 0.11 * mm_per_inch), "20 mm", SMALL_SIZE)
+
+
+def _draw_map(axes: Axes, data: MapData, paint: Paint) -> None:
+    template = data.template
+    raster = rasterise_map(data.flat, data.triangles)
+    show_raster(axes, raster, paint.rgb(raster))
+    _draw_template(axes, template)
+    if REGION_ARRAY in data.surface.cell_data:
+        regions = np.asarray(data.surface.cell_data[REGION_ARRAY]).astype(np.int64)
+        for region, (place, _) in raster.inmost_places(regions, raster.front).items():
+            write_text(axes, place, f"R{region}", HEADING_SIZE, weight="bold", halo=True)
+
+
+def _draw_grid(axes: Axes, found: Comparison, colours: FloatArray, values: FloatArray) -> None:
+    """A picture of a comparison, grey where there is no value."""
+    from matplotlib.colors import to_rgb
+
+    template = found.template
+    picture = np.ones((*values.shape, 4))
+    picture[..., :3] = np.where(np.isnan(values)[..., None], to_rgb(NO_VALUE), colours[..., :3])
+    covered = np.zeros(values.shape, bool)
+    covered[found.row, found.column] = True
+    picture[..., 3] = covered
+    x, y = template.outer.shape.centre
+    radius = template.radius
+    axes.imshow(
+        picture, extent=(x - radius, x + radius, y - radius, y + radius), origin="lower", interpolation="hanning",
+        aspect="equal",
+    )  # fmt: skip
+    _draw_template(axes, template)
+
+
+def _draw_template(axes: Axes, template: Template) -> None:
+    """Rims, borders of regions and names of openings, and the limits of the axes."""
+    for path in template.anatomy.paths:
+        draw_line(axes, template.segment(path), BORDER_COLOUR, 0.9)
+    for opening in template.anatomy.openings:
+        outline = template.rim(opening).shape.outline()
+        draw_line(axes, np.concatenate([outline, outline[:1]]), RIM_COLOUR, 1.6)
+    for hole, rim in template.holes.items():
+        write_text(axes, rim.shape.centre, hole, SMALL_SIZE - 1.0, weight="bold")
+    centre, reach = np.array(template.outer.shape.centre), 1.02 * template.radius * np.array([-1.0, 1.0])
+    axes.set(xlim=centre[0] + reach, ylim=centre[1] + reach, xticks=[], yticks=[])
+    axes.spines[:].set_visible(False)
+
+
+def _class_legend(figure: Figure, paint: Paint, found: Fibrosis) -> None:
+    from matplotlib.patches import Patch
+
+    labels = [textwrap.fill(found.class_label(k), 26) for k in range(len(found.class_names))]
+    handles = [
+        Patch(facecolor=colour, edgecolor=FAINT, linewidth=0.4, label=label)
+        for colour, label in zip(class_colours(found), labels, strict=True)
+    ]
+    if paint.any_missing:
+        handles.append(Patch(facecolor=NO_VALUE, label="no value"))
+    figure.legend(
+        handles=handles, loc="upper left", bbox_to_anchor=(9.65 / PAGE_INCHES[0], 6.9 / PAGE_INCHES[1]), frameon=False,
+        fontsize=SMALL_SIZE, labelcolor=INK, title=label_of(found.array) if not found.unit else found.array,
+        title_fontsize=TEXT_SIZE, alignment="left",
+    )  # fmt: skip
+
+
+def _class_table(figure: Figure, found: Fibrosis) -> None:
+    """Areas by part, below the map."""
+    columns = [("part", 4.15), ("area (cm2)", 6.7)]
+    columns += [(f"{name} (%)", 7.65 + 1.25 * k) for k, name in enumerate(found.class_names[:3])]
+    _row(figure, 1.52, columns, FAINT)
+    shown = [part for part in found.parts if part.group in ("atrium", REGION_ARRAY)][:8]
+    for number, part in enumerate(shown):
+        name = part.name if part.group == "atrium" else f"R{part.label} {part.name}"
+        numbers = [f"{share:.1f}" if share == share else "-" for share in part.class_percent[:3]]
+        words = [name, f"{part.area_cm2:.1f}", *numbers]
+        cells = [(word, at) for word, (_, at) in zip(words, columns, strict=True)]
+        _row(figure, 1.36 - 0.15 * number, cells, INK)
+
+
+def _agreement_table(figure: Figure, found: Comparison) -> None:
+    """Agreement by region, at the bottom."""
+    unit = " (percentiles)" if found.scale == "ranks" else ""
+    columns = [("part", 0.6), ("area (cm2)", 3.3), ("Pearson r", 4.2), ("Spearman rho", 5.1), ("mean A", 6.2)]
+    columns += [("mean B", 7.0), (f"B - A{unit}: mean, SD", 7.8), ("left out (%)", 9.6), ("Dice", 10.6)]
+    _row(figure, 2.1, columns, FAINT)
+    for number, part in enumerate(found.parts[:MOST_PARTS]):
+        name = part.name if part.region == 0 else f"R{part.region} {part.name}"
+        words = [name, f"{part.area_cm2:.1f}", f"{part.pearson:.3f}", f"{part.spearman:.3f}", f"{part.mean_a:.4g}"]
+        words += [f"{part.mean_b:.4g}", f"{round(part.difference, 9) + 0.0:.3g}, {part.difference_sd:.3g}"]
+        words += [f"{part.missing_percent:.1f}", f"{part.dice:.3f}"]
+        cells = [(word.replace("nan", "-"), at) for word, (_, at) in zip(words, columns, strict=True)]
+        _row(figure, 1.9 - 0.18 * number, cells, INK)
+
+
+def _row(figure: Figure, height: float, cells: list[tuple[str, float]], colour: str) -> None:
+    for text, left in cells:
+        figure.text(
+            left / PAGE_INCHES[0], height / PAGE_INCHES[1], text, size=SMALL_SIZE, color=colour, ha="left", va="center",
+            parse_math=False,
+        )  # fmt: skip

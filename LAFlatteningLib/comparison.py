@@ -1,0 +1,401 @@
+"""Two maps compared place by place: before and after ablation, enhancement against voltage, patient against patient.
+
+Maps of one template put the same anatomy in the same place, so both are read at the same places of the map: the middles
+of a square grid. Each place counts by the area that it stands for on the atria in 3D, so that what the map enlarges
+counts no more than it is.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import operators
+from ._version import __version__
+from .errors import LAFlatteningError, TemplateError
+from .fibrosis import DIRECTIONS, corner_values
+from .flattening.flat_map import FlatMap
+from .map_data import MapData
+from .parcellation import Parcellation, Part
+from .shading import Raster, rasterise
+from .surface import FloatArray, IntArray, Surface
+from .template import Template
+
+BoolArray = NDArray[np.bool_]
+
+GRID = 512
+"""Places across the map, in each direction."""
+DISK = "whole map"
+"""Name of the whole among the parts."""
+FEWEST_PLACES = 10
+"""Fewer common places say nothing."""
+SAME = 1e-12
+"""Values that differ by less than this share of the largest are the same: interpolation rounds."""
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How two quantities agree in one part of the map; all numbers are weighted by area in 3D, NaN where undefined.
+
+    Attributes
+    ----------
+    region : its number; 0 for the whole map.
+    name : for people.
+    places : with a value on both maps.
+    missing_percent : share of the part, by area, where one of the maps or both have no value: left out.
+    area_cm2 : of the common places, mean of both atria.
+    pearson, spearman : correlation of the values, and of their ranks.
+    mean_a, mean_b : of the values.
+    difference, difference_sd, difference_rms : of B - A on the scale of the comparison: mean, standard deviation, root
+        mean square.
+    dice : overlap of the places beyond both thresholds, 2 |A and B| / (|A| + |B|).
+    percent_a, percent_b : share beyond its threshold, %.
+    """
+
+    region: int
+    name: str
+    places: int
+    missing_percent: float
+    area_cm2: float
+    pearson: float
+    spearman: float
+    mean_a: float
+    mean_b: float
+    difference: float
+    difference_sd: float
+    difference_rms: float
+    dice: float
+    percent_a: float
+    percent_b: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON; numbers that do not exist are None."""
+        return {key: None if value != value else value for key, value in vars(self).items()}
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """What `compare_maps` finds.
+
+    Attributes
+    ----------
+    array_a, array_b : what was compared.
+    threshold_a, threshold_b : of the overlap, or None.
+    direction_a, direction_b : "above" or "below": which values are diseased, and on which side of its threshold a value
+        counts.
+    scale : of the difference. "values": of one quantity, in its unit. "ranks": of two quantities that cannot be
+        subtracted (enhancement and voltage): each value is the percentile of its place on its own map, by area, from
+        normal to diseased.
+    template : of both maps.
+    places : (k, 2) map units, where either map has triangles.
+    row, column : (k,) of the places in the grid, row 0 at the bottom.
+    values_a, values_b : (k,) NaN where there is none.
+    weights : (k,) mm2 on the atrium, mean of both.
+    regions : (k,) region of the template.
+    parts : the whole map, then its regions.
+    notes : what the user should know.
+    """
+
+    array_a: str
+    array_b: str
+    threshold_a: float | None
+    threshold_b: float | None
+    direction_a: str
+    direction_b: str
+    scale: str
+    template: Template
+    places: FloatArray
+    row: IntArray
+    column: IntArray
+    values_a: FloatArray
+    values_b: FloatArray
+    weights: FloatArray
+    regions: IntArray
+    parts: tuple[Agreement, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def whole(self) -> Agreement:
+        """The whole map."""
+        return self.parts[0]
+
+    @property
+    def difference(self) -> FloatArray:
+        """(k,) B - A on the scale of the comparison, NaN where either has no value."""
+        a, b = self.scaled
+        return b - a
+
+    @property
+    def scaled(self) -> tuple[FloatArray, FloatArray]:
+        """(k,) and (k,): the values, or their percentiles, 0 to 100, among the common places."""
+        return _scaled(self.values_a, self.values_b, self.weights, self.scale, self.direction_a, self.direction_b)
+
+    @property
+    def beyond_a(self) -> BoolArray:
+        """(k,) whether A is beyond its threshold; nowhere without one."""
+        return _beyond(self.values_a, self.threshold_a, self.direction_a)
+
+    @property
+    def beyond_b(self) -> BoolArray:
+        """(k,) whether B is beyond its threshold."""
+        return _beyond(self.values_b, self.threshold_b, self.direction_b)
+
+    def picture(self, values: NDArray) -> FloatArray:
+        """Values (k,) at the places as a picture of `GRID` rows and columns, NaN elsewhere; row 0 at the bottom."""
+        grid = np.full((GRID, GRID), np.nan)
+        grid[self.row, self.column] = values
+        return grid
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON (see Docs/formats.md)."""
+        return {
+            "version": __version__,
+            "array_a": self.array_a,
+            "array_b": self.array_b,
+            "threshold_a": self.threshold_a,
+            "threshold_b": self.threshold_b,
+            "direction_a": self.direction_a,
+            "direction_b": self.direction_b,
+            "scale": self.scale,
+            "template": self.template.name,
+            "grid": GRID,
+            "parts": [part.to_dict() for part in self.parts],
+            "notes": list(self.notes),
+        }
+
+    def to_csv(self) -> str:
+        """A table with one line a part."""
+        text = io.StringIO()
+        table = csv.writer(text, lineterminator="\n")
+        rows = [part.to_dict() for part in self.parts]
+        table.writerow(rows[0])
+        for row in rows:
+            table.writerow([f"{x:.6g}" if isinstance(x, float) else "" if x is None else x for x in row.values()])
+        return text.getvalue()
+
+
+def compare_maps(
+    a: FlatMap | MapData | Surface,
+    b: FlatMap | MapData | Surface,
+    array_a: str,
+    array_b: str,
+    threshold_a: float | None = None,
+    threshold_b: float | None = None,
+    direction_a: str = "above",
+    direction_b: str = "above",
+    scale: str = "auto",
+) -> Comparison:
+    """Compare an array of one map with an array of another, at the same places of their template.
+
+    Values are linear in each triangle. Places where one of the maps has a hole, or a corner without value, are left out
+    and counted.
+
+    Parameters
+    ----------
+    a, b : maps, or the surfaces that map files hold; of the same template.
+    array_a, array_b : scalar point or cell arrays.
+    threshold_a, threshold_b : both, for the overlap of what reaches them (Dice), or neither.
+    direction_a, direction_b : "above" (a value counts from its threshold on) or "below" (where it is less), as for low
+        voltage.
+    scale : "values", "ranks" (see `Comparison`), or "auto": values if both arrays have the same name.
+
+    Raises
+    ------
+    TemplateError : maps of different templates.
+    LAFlatteningError : no such array, NaN everywhere, no common places, one threshold only.
+    SurfaceError : a map file without the positions on the atrium.
+    """
+    one, other = MapData.of(a), MapData.of(b)
+    _check_templates(one.template, other.template)
+    if (threshold_a is None) != (threshold_b is None):
+        raise LAFlatteningError("The overlap needs a threshold for each map; found one. Give both, or none.")
+    for direction in (direction_a, direction_b):
+        if direction not in DIRECTIONS:
+            raise LAFlatteningError(f'Expected the direction "above" or "below", found "{direction}".')
+    if scale not in ("auto", "values", "ranks"):
+        raise LAFlatteningError(f'Expected the scale "auto", "values" or "ranks", found "{scale}".')
+    if scale == "auto":
+        scale = "values" if array_a == array_b else "ranks"
+    corners_a, corners_b = corner_values(one.surface, array_a), corner_values(other.surface, array_b)
+    raster_a, raster_b = _raster(one), _raster(other)
+    covered = raster_a.covered | raster_b.covered
+    row, column = np.nonzero(covered)
+    corner = np.array([raster_a.left, raster_a.bottom])
+    places = corner + (np.stack([column, row], axis=1) + 0.5) * raster_a.pixel
+    values_a, area_a = _read(one, raster_a, corners_a, covered)
+    values_b, area_b = _read(other, raster_b, corners_b, covered)
+    with np.errstate(invalid="ignore"):
+        weights = np.nanmean(np.stack([area_a, area_b]), axis=0)
+    regions = _regions(one.template, places)
+    if np.count_nonzero(np.isfinite(values_a) & np.isfinite(values_b)) < FEWEST_PLACES:
+        raise LAFlatteningError(
+            f'"{array_a}" and "{array_b}" have hardly any value at a common place of the maps. Check where each of '
+            "them has values."
+        )
+    scaled_a, scaled_b = _scaled(values_a, values_b, weights, scale, direction_a, direction_b)
+    difference = scaled_b - scaled_a
+    beyond_a, beyond_b = _beyond(values_a, threshold_a, direction_a), _beyond(values_b, threshold_b, direction_b)
+
+    def part(region: int, name: str, own: BoolArray) -> Agreement:
+        values = (values_a[own], values_b[own], weights[own], difference[own])
+        beyond = (beyond_a[own], beyond_b[own]) if threshold_a is not None else None
+        return _agreement(region, name, *values, beyond)
+
+    whole = part(0, DISK, np.ones(len(places), bool))
+    parts = [whole]
+    for number, name in sorted(one.template.anatomy.region_names.items()):
+        parts.append(part(number, name, regions == number))
+    notes = []
+    if whole.missing_percent >= 0.05:
+        notes.append(
+            f"{whole.missing_percent:.1f} % of the map have no value on one of the two maps, or on both, and "
+            "were left out."
+        )
+    return Comparison(
+        array_a,
+        array_b,
+        threshold_a,
+        threshold_b,
+        direction_a,
+        direction_b,
+        scale,
+        one.template,
+        places,
+        row,
+        column,
+        values_a,
+        values_b,
+        weights,
+        regions,
+        tuple(parts),
+        tuple(notes),
+    )
+
+
+def weighted_correlation(x: FloatArray, y: FloatArray, weights: FloatArray) -> float:
+    """Pearson's correlation with weights; NaN if one of the quantities is the same everywhere.
+
+    Examples
+    --------
+    >>> weighted_correlation(np.array([0.0, 1.0, 9.0]), np.array([1.0, 3.0, 0.0]), np.array([1.0, 1.0, 0.0]))
+    1.0
+    """
+    if any(np.ptp(values) <= SAME * np.abs(values).max() for values in (x, y)):
+        return float("nan")
+    share = weights / weights.sum()
+    x, y = x - share @ x, y - share @ y
+    variances = (share @ x**2) * (share @ y**2)
+    return float(np.clip(share @ (x * y) / np.sqrt(variances), -1.0, 1.0)) if variances > 0.0 else float("nan")
+
+
+def weighted_ranks(values: FloatArray, weights: FloatArray) -> FloatArray:
+    """The share of the weight below each value, plus half the share of its equals: ranks, 0 to 1.
+
+    What is the same in large parts of a map is not put into an order by its last digits (`SAME`).
+    """
+    step = SAME * float(np.abs(values).max())
+    kinds, index = np.unique(np.round(values / step) if step > 0.0 else values, return_inverse=True)
+    own = np.bincount(index, weights, minlength=len(kinds)) / weights.sum()
+    return (np.cumsum(own) - 0.5 * own)[index]
+
+
+def _check_templates(a: Template, b: Template) -> None:
+    if a.name != b.name:
+        raise TemplateError(
+            f"The maps were made on different templates, {a.name} and {b.name}, so that a place on one is another "
+            "place on the other. Flatten one of them again, on the template of the other."
+        )
+    if a != b:
+        raise TemplateError(f"The maps were made on different templates that are both called {a.name}. Use one file.")
+
+
+def _raster(data: MapData) -> Raster:
+    shape, radius = data.template.outer.shape, data.template.radius
+    left, bottom = (float(x) - radius for x in shape.centre)
+    return rasterise(data.flat, data.triangles, left, bottom, 2.0 * radius / GRID, (GRID, GRID))
+
+
+def _read(data: MapData, raster: Raster, corners: FloatArray, covered: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Values and area on the atrium (mm2) of the covered places; NaN where this map has none."""
+    on_map = operators.triangle_areas(data.flat, data.triangles)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        density = data.surface.triangle_areas / on_map
+    values, area = np.full(covered.shape, np.nan), np.full(covered.shape, np.nan)
+    triangle = raster.triangle[raster.covered]
+    values[raster.covered] = np.einsum("ij,ij->i", raster.weights, corners[triangle])
+    area[raster.covered] = density[triangle] * raster.pixel**2
+    return values[covered], area[covered]
+
+
+def _regions(template: Template, places: FloatArray) -> IntArray:
+    parts = (
+        Part(number, f"R{number}", "", {"type": "region", "number": number}) for number in template.anatomy.regions
+    )
+    return Parcellation("regions", template.anatomy, tuple(parts)).labels_at(places, template)
+
+
+def _beyond(values: FloatArray, threshold: float | None, direction: str) -> BoolArray:
+    if threshold is None:
+        return np.zeros(len(values), bool)
+    return values >= threshold if direction == "above" else values < threshold
+
+
+def _scaled(
+    a: FloatArray, b: FloatArray, weights: FloatArray, scale: str, direction_a: str, direction_b: str
+) -> tuple[FloatArray, FloatArray]:
+    if scale == "values":
+        return a, b
+    both = np.isfinite(a) & np.isfinite(b)
+    ranks = np.full((2, len(a)), np.nan)
+    for row, values, direction in zip(ranks, (a, b), (direction_a, direction_b), strict=True):
+        rank = weighted_ranks(values[both], weights[both])
+        row[both] = 100.0 * (rank if direction == "above" else 1.0 - rank)
+    return ranks[0], ranks[1]
+
+
+def _agreement(
+    region: int,
+    name: str,
+    a: FloatArray,
+    b: FloatArray,
+    weights: FloatArray,
+    difference: FloatArray,
+    beyond: tuple[BoolArray, BoolArray] | None,
+) -> Agreement:
+    both = np.isfinite(a) & np.isfinite(b)
+    total = float(weights.sum())
+    missing = 100.0 * float(weights[~both].sum()) / total if total > 0.0 else float("nan")
+    a, b, weights, difference = a[both], b[both], weights[both], difference[both]
+    area = float(weights.sum())
+    if len(a) < FEWEST_PLACES:
+        return Agreement(region, name, len(a), missing, area / 100.0, *[float("nan")] * 10)
+    share = weights / area
+    mean = float(share @ difference)
+    dice = percent_a = percent_b = float("nan")
+    if beyond is not None:
+        in_a, in_b = beyond[0][both], beyond[1][both]
+        percent_a, percent_b = 100.0 * float(share[in_a].sum()), 100.0 * float(share[in_b].sum())
+        if percent_a + percent_b > 0.0:
+            dice = 200.0 * float(share[in_a & in_b].sum()) / (percent_a + percent_b)
+    return Agreement(
+        region,
+        name,
+        len(a),
+        missing,
+        area / 100.0,
+        weighted_correlation(a, b, weights),
+        weighted_correlation(weighted_ranks(a, weights), weighted_ranks(b, weights), weights),
+        float(share @ a),
+        float(share @ b),
+        mean,
+        float(np.sqrt(share @ (difference - mean) ** 2)),
+        float(np.sqrt(share @ difference**2)),
+        dice,
+        percent_a,
+        percent_b,
+    )

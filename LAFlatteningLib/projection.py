@@ -1,0 +1,220 @@
+"""Intensities of an image carried to the wall: sampled along the normal at each point of a surface.
+
+The maximum within 3 mm on both sides (maximum intensity projection) is what Nunez-Garcia et al. show on their maps
+(section III-A of the paper); other depths, sides and the mean are in use as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from . import topology
+from .errors import InputFileError, LAFlatteningError, SurfaceError
+from .surface import FloatArray, Surface
+from .volume import Volume
+
+LGE_ARRAY = "LGE"
+"""Point array with the projected intensity."""
+DEPTH_MM = 3.0
+SIDES = ("both", "in", "out")
+STATISTICS = ("max", "mean")
+
+SAMPLES_AT_ONCE = 2_000_000
+"""Points are done in groups of about so many samples, to bound memory."""
+
+
+@dataclass(frozen=True, eq=False)
+class Projection:
+    """The intensity at each point of a surface.
+
+    Attributes
+    ----------
+    values : (n,) float64, NaN where every sample is outside the image.
+    interval_mm : where samples were taken, along the outward normal: negative is inside the chamber.
+    step_mm : distance of the samples.
+    statistic : "max" or "mean".
+    outside : number of points with every sample outside the image (or where the image is NaN): no value.
+    partly_outside : number of points with some samples outside. Their values are of the samples inside.
+    notes : what the user should know.
+    """
+
+    values: FloatArray
+    interval_mm: tuple[float, float]
+    step_mm: float
+    statistic: str
+    outside: int
+    partly_outside: int
+    notes: tuple[str, ...]
+
+    def on(self, surface: Surface, name: str = LGE_ARRAY) -> Surface:
+        """The surface with the values as a point array, and how they were made in its field data
+        (NAME_interval_mm, NAME_step_mm, NAME_statistic)."""
+        return surface.with_data(
+            {name: self.values},
+            field_data={
+                f"{name}_interval_mm": np.array(self.interval_mm),
+                f"{name}_step_mm": np.array([self.step_mm]),
+                f"{name}_statistic": np.array([self.statistic], dtype=object),
+            },
+        )
+
+
+def project(
+    surface: Surface,
+    volume: Volume,
+    depth_mm: float = DEPTH_MM,
+    side: str = "both",
+    statistic: str = "max",
+    *,
+    interval_mm: Sequence[float] | None = None,
+) -> Projection:
+    """Sample an image along the outward normal at each point of a surface.
+
+    Samples lie no farther apart than half the smallest side of a voxel, ends included, and are trilinear. The normal
+    of a point is the mean of those of its triangles, weighted by area, outward whichever way the triangles are turned.
+    Samples outside the outermost voxel centres are left out; a point with none inside is NaN. Both are counted.
+
+    Parameters
+    ----------
+    surface : the wall of a chamber, in LPS or RAS as its `space` says; open or closed.
+    depth_mm, side : how far to go, and to "both" sides, "in" (into the chamber) or "out" (away from it).
+    statistic : "max", or "mean" (the integral over the interval by the trapezoidal rule, divided by its length).
+    interval_mm : (from, to) along the outward normal, in place of depth and side; (-1, 3) is 1 mm inside to 3 outside.
+
+    Raises
+    ------
+    LAFlatteningError : depth not positive, interval empty, unknown side or statistic.
+    InputFileError : the image is the same everywhere, or no sample lies in it.
+    SurfaceError : a flat map, or a surface of which no outer side can be told.
+
+    Examples
+    --------
+    >>> from LAFlatteningLib.phantom import left_atrium_shape, make_lge_volume, make_phantom
+    >>> volume = Volume.from_image(make_lge_volume(left_atrium_shape(), spacing=(1, 1, 1)))
+    >>> project(make_phantom(2000).surface, volume).outside
+    0
+    """
+    low, high = _interval(depth_mm, side, interval_mm)
+    if statistic not in STATISTICS:
+        raise LAFlatteningError(f'Expected the statistic "max" or "mean", found "{statistic}".')
+    _check_image(volume)
+    points = surface.points * surface.lps_signs
+    normals = outward_normals(surface) * surface.lps_signs
+    count = int(np.ceil((high - low) / (0.5 * float(volume.spacing.min())) - 1e-9)) + 1
+    along = np.linspace(low, high, count)
+    weight = np.ones(count)
+    if statistic == "mean":
+        weight[[0, -1]] = 0.5
+
+    values, inside = np.empty(len(points)), np.empty(len(points), np.int64)
+    group = max(1, SAMPLES_AT_ONCE // count)
+    for first in range(0, len(points), group):
+        part = slice(first, first + group)
+        sample = _samples(volume, points[part], normals[part], along)
+        known = ~np.isnan(sample)
+        inside[part] = known.sum(axis=0)
+        if statistic == "max":
+            values[part] = np.where(known, sample, -np.inf).max(axis=0)
+        else:
+            total = weight @ known
+            values[part] = (weight @ np.where(known, sample, 0.0)) / np.where(total > 0, total, 1.0)
+    used = surface.used_points
+    values[inside == 0] = np.nan
+    outside, partly = (int(np.count_nonzero(used & which)) for which in (inside == 0, (inside > 0) & (inside < count)))
+    if outside == np.count_nonzero(used):
+        raise InputFileError(_no_overlap(points[used], volume))
+    notes = []
+    if outside:
+        notes.append(
+            f"{outside} of {np.count_nonzero(used)} points have no value, because the image does not reach them."
+        )
+    if partly:
+        notes.append(
+            f"{partly} of {np.count_nonzero(used)} points are at the edge of the image: their values are of the part "
+            "of the depth that it covers."
+        )
+    return Projection(values, (low, high), float((high - low) / (count - 1)), statistic, outside, partly, tuple(notes))
+
+
+def outward_normals(surface: Surface) -> FloatArray:
+    """Unit normal of each point, (n, 3), out of the chamber, weighted by area; 0 where no triangle uses the point.
+
+    The outside of each piece of the surface is told by the volume that it encloses, its openings covered, whichever
+    way its triangles are turned.
+
+    Raises
+    ------
+    SurfaceError : a flat map; triangles that cannot be turned the same way; a piece that encloses nothing.
+    """
+    if np.ptp(surface.points[surface.used_points], axis=0).min() == 0.0:
+        raise SurfaceError(
+            "The surface is flat: it looks like a map. Expected the atrium in 3D; project on it first and flatten then."
+        )
+    if not surface.is_oriented:
+        surface = surface.with_triangles(topology.orient(surface.triangles, surface.edges))
+    triangles = surface.triangles.copy()
+    for piece in range(surface.component_count):
+        own = surface.components == piece
+        part = surface if surface.component_count == 1 else surface.submesh(own)[0]
+        volume = part.enclosed_volume
+        if volume == 0.0:
+            raise SurfaceError(
+                "The surface encloses no volume, so that it has no outer side. Expected the wall of a chamber."
+            )
+        if volume < 0.0:
+            triangles[own] = triangles[own][:, ::-1]
+    return surface.with_triangles(triangles).point_normals
+
+
+def _interval(depth_mm: float, side: str, interval_mm: Sequence[float] | None) -> tuple[float, float]:
+    if interval_mm is not None:
+        if len(interval_mm) != 2 or not np.isfinite(interval_mm).all() or not interval_mm[0] < interval_mm[1]:
+            raise LAFlatteningError(
+                "Expected an interval (from, to) in mm along the outward normal, from less than to, like (-1, 3); "
+                f"found {tuple(interval_mm)}."
+            )
+        return float(interval_mm[0]), float(interval_mm[1])
+    if not (np.isfinite(depth_mm) and depth_mm > 0.0):
+        raise LAFlatteningError(f"Expected a depth above 0 mm, found {depth_mm:g}. The usual depth is {DEPTH_MM:g} mm.")
+    if side not in SIDES:
+        raise LAFlatteningError(f'Expected the side "both", "in" or "out", found "{side}".')
+    return (0.0 if side == "out" else -float(depth_mm)), (0.0 if side == "in" else float(depth_mm))
+
+
+def _check_image(volume: Volume) -> None:
+    first = volume.values.reshape(-1)[0]
+    if first == first and (volume.values == first).all():
+        raise InputFileError(
+            f"The image is {float(first):g} everywhere; expected one that shows the atrium. Check that it is the right "
+            "volume, and that it was exported with its voxels."
+        )
+
+
+def _samples(volume: Volume, points: FloatArray, normals: FloatArray, along: FloatArray) -> FloatArray:
+    """Values (k, n) at k distances along the normals of n points, LPS."""
+    places = points[None] + along[:, None, None] * normals[None]
+    return volume.sample(places.reshape(-1, 3)).reshape(len(along), len(points))
+
+
+def _no_overlap(points: FloatArray, volume: Volume) -> str:
+    """What to say where no sample is in the image: both extents, and whether a mix-up of axes explains it."""
+    last = np.array(volume.values.shape[::-1]) - 1.0
+    corners = volume.positions(np.stack(np.meshgrid(*((0.0, end) for end in last)), axis=-1).reshape(-1, 3))
+    texts = [
+        ", ".join(f"{a:.0f} to {b:.0f}" for a, b in zip(box.min(axis=0), box.max(axis=0), strict=True))
+        for box in (points, corners)
+    ]
+    message = (
+        f"The image does not overlap the surface. The surface reaches over {texts[0]} mm, the image over {texts[1]} mm "
+        "(x, y, z in LPS). "
+    )
+    index = volume.indices(points * (-1.0, -1.0, 1.0))
+    if ((index >= 0.0) & (index <= last)).all(axis=1).mean() > 0.9:
+        return message + (
+            "They overlap if the axes of the surface are taken the other way: its file says or leaves open whether it "
+            "is in LPS or RAS, and that is probably wrong. Export the surface again with its axes named."
+        )
+    return message + "Check that both are of the same patient and examination, and in the same coordinates."
