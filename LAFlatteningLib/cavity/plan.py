@@ -42,6 +42,9 @@ EXTRA_RISE_MM = 4.0
 """A further protrusion that stands out by this, with an ostium, is an extra vein."""
 SMALLEST_EXTRA_MM = 15.0
 """... if it is so long round (5 mm wide); less is a twig or noise, and hardly disturbs a map."""
+MIRRORED_RATIO = 1.4
+"""The atrium is taken for mirrored where a vein in the appendage's mirror place is wider than it by this factor (.4 to
+.85 in nine atria, 1.15 in one)."""
 OWN_OPENING_MM = 2.0
 """Tips nearer than this to an open rim's cover are that opening."""
 
@@ -297,6 +300,8 @@ def plan_cuts(
             "trunk must have two branches of some length. Mark the tip of each vein (--tips), give planes (--planes), "
             "or segment the veins farther out."
         ) from error
+    if recognition is not None:
+        recognition = _checked_for_mirroring(planner, recognition, openings)
     open_at = [opening.plane.centre for opening in openings.values() if opening.found_by == "open"]
     used = {valve} | {
         int(np.argmin([np.linalg.norm(surface.points[loop].mean(axis=0) - centre) for loop in planner.loops]))
@@ -437,6 +442,39 @@ def _by_rule(planner: _Planner, valve: int | None) -> tuple[dict[str, _Candidate
             planner.faint = tuple(faint)
             recognition = replace(recognition, confidence="low")
     return {hole: candidates[k] for hole, k in recognition.index.items()}, recognition, candidates
+
+
+def _checked_for_mirroring(
+    planner: _Planner, recognition: Recognition, openings: Mapping[str, PlannedOpening]
+) -> Recognition:
+    """The recognition, less sure where the mirror image of the atrium would be as likely.
+
+    Mirrored front to back, the appendage lies where an inferior vein belongs and the other way round. What tells them
+    apart is that the appendage is the wider.
+
+    Raises
+    ------
+    SurfaceError : what would be the appendage in the mirror image is much wider.
+    """
+    for appendage in planner.anatomy.appendages:
+        other = next(
+            (hole for hole, k in recognition.index.items() if k == recognition.mirrored.get(appendage)), appendage
+        )
+        ratio = openings[other].perimeter_mm / openings[appendage].perimeter_mm
+        if ratio <= 1.0:
+            continue
+        suspicion = (
+            f"{other} ({openings[other].perimeter_mm:.0f} mm round) is wider than {appendage} "
+            f"({openings[appendage].perimeter_mm:.0f} mm)"
+        )
+        if ratio >= MIRRORED_RATIO:
+            raise SurfaceError(
+                f"{suspicion}, as in the mirror image of an atrium, in which they lie the other way round. Check the "
+                "direction matrix of the image; if it is right, mark the tip of each vein (--tips)."
+            )
+        planner.notes.append(f"{suspicion}; in a mirrored atrium they would be exchanged. Check which is which.")
+        recognition = replace(recognition, confidence="low")
+    return recognition
 
 
 def _given(planner: _Planner, plane: CutPlane) -> PlannedOpening:

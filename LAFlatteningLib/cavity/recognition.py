@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import permutations
 
 import numpy as np
@@ -49,6 +49,8 @@ class Recognition:
     lead : how much larger the misfit of the next best assignment is.
     confidence : "high" or "low".
     notes : what makes it doubtful, in words.
+    mirrored : hole -> number of the candidate if the atrium were mirrored and turned, where that would fit as well as
+        an atrium does; empty where it would not.
     """
 
     index: Mapping[str, int]
@@ -57,6 +59,7 @@ class Recognition:
     lead: float
     confidence: str
     notes: tuple[str, ...] = ()
+    mirrored: Mapping[str, int] = field(default_factory=dict)
 
 
 def recognise(
@@ -118,7 +121,9 @@ def recognise(
     if best.lead < SMALLEST_LEAD:
         doubtful = [hole for hole, a, b in zip(holes, best.order, best.second, strict=True) if a != b]
         notes.append(f"{' and '.join(doubtful)} could also be taken otherwise; check which is which.")
-    return Recognition(names, best.rotation, best.misfit, best.lead, "low" if notes else "high", tuple(notes))
+    mirror = _fit(_mirror(layout), directions, orders, extra, 180.0)
+    exchanged = dict(zip(holes, map(int, mirror.order), strict=True)) if mirror.misfit <= LIKELY_MISFIT else {}
+    return Recognition(names, best.rotation, best.misfit, best.lead, "low" if notes else "high", tuple(notes), mirrored)
 
 
 @dataclass(frozen=True)

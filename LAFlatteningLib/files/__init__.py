@@ -1,9 +1,9 @@
 """Surfaces, seeds and images, from and to files.
 
 Surfaces: .vtp, .vtk (legacy), .stl, .ply, .obj; maps of CARTO 3 (.mesh) and OpenEP (.mat), read only. Seeds: .csv,
-Slicer markups .mrk.json, and the older .fcsv (read only). Images and label maps: .nrrd, .nii, .nii.gz, .mha; .nhdr, .mhd
-(read only). Patient axes (LPS, RAS) in files are handled here and nowhere else. A damaged file is refused with a reason,
-nothing that a file holds is executed, and no file is left half-written.
+Slicer markups .mrk.json, and the older .fcsv (read only). Images and label maps: .nrrd, .nii, .nii.gz, .mha; .nhdr,
+.mhd (read only). Patient axes (LPS, RAS) in files are handled here and nowhere else. A damaged file is refused with a
+reason, nothing that a file holds is executed, and no file is left half-written.
 """
 
 from .access import atomic_write, check_writable, write_text
