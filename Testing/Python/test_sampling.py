@@ -1,9 +1,12 @@
-"""Values of an image between its voxels, against SimpleITK."""
+"""Values of an image between its voxels, against SimpleITK, and what projection does where a surface is odd."""
 
 import numpy as np
 import pytest
 import SimpleITK as sitk
 
+from LAFlatteningLib.errors import InputFileError, SurfaceError
+from LAFlatteningLib.projection import outward_normals, project
+from LAFlatteningLib.surface import Surface
 from LAFlatteningLib.volume import SAMPLES_AT_ONCE, Volume
 
 TURNED = np.array([[0.0, 0.0, -1.0], [0.6, -0.8, 0.0], [-0.8, -0.6, 0.0]])
@@ -75,3 +78,33 @@ def test_memory_order_of_the_voxels_does_not_matter():
     turned = Volume(np.asfortranarray(volume.values), volume.spacing, volume.origin, volume.direction)
     places = volume.positions(np.random.default_rng(7).uniform(0.0, 3.0, (50, 3)))
     assert np.array_equal(volume.sample(places), turned.sample(places))
+
+
+# ---- odd surfaces and images -----------------------------------------------------------------------------------------
+
+
+def test_a_stray_triangle_does_not_stop_the_rest(phantom):
+    surface = phantom.surface
+    count = len(surface.points)
+    stray = surface.points.mean(axis=0) + np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.3], [0.0, 1.0, 0.2]])
+    both = Surface(
+        np.concatenate([surface.points, stray]),
+        np.concatenate([surface.triangles[:, ::-1], [[count, count + 1, count + 2]]]),
+    )
+    assert np.allclose(outward_normals(both)[:count], surface.point_normals)
+
+
+def test_a_tilted_sheet_has_no_outer_side():
+    u, v = (a.ravel() for a in np.meshgrid(np.arange(5.0), np.arange(5.0)))
+    i = np.array([5 * row + column for row in range(4) for column in range(4)])
+    triangles = np.concatenate([np.stack([i, i + 1, i + 5], axis=1), np.stack([i + 1, i + 6, i + 5], axis=1)])
+    sheet = Surface(np.column_stack([u + 0.1 * v, 0.7 * v - 0.3 * u, 0.2 * u + 0.9 * v]), triangles)
+    with pytest.raises(SurfaceError, match="encloses no volume"):
+        outward_normals(sheet)
+
+
+def test_an_image_without_any_value_is_refused(phantom):
+    points = phantom.surface.points
+    blank = Volume(np.full((20, 20, 20), np.nan), np.full(3, 8.0), points.min(axis=0) - 10.0, np.eye(3))
+    with pytest.raises(InputFileError, match="all are NaN"):
+        project(phantom.surface, blank)
