@@ -49,6 +49,8 @@ DISCLAIMER = "Not a medical device. For research."
 BESIDE_A_MAP = ((0.2, 4.3, 3.7, 3.1), (0.2, 0.75, 3.7, 3.1))
 WITHOUT_A_MAP = ((0.2, 2.2, 4.6, 4.8), (4.9, 2.2, 4.6, 4.8))
 """Where the two views of the atrium are: left, bottom, width, height in inches."""
+LONGEST_LINE = 170
+"""Letters of small text that fit across the page."""
 MOST_PARTS = 12
 """More lines of a table do not fit on the page."""
 
@@ -221,8 +223,8 @@ def _page(title: str, facts: list[str]) -> Figure:
     figure = Figure(figsize=PAGE_INCHES, dpi=DOTS_PER_INCH, facecolor="white")
     centred: dict[str, Any] = {"ha": "center", "va": "center", "parse_math": False}
     figure.text(0.5, 1.0 - 0.32 / PAGE_INCHES[1], title, size=TITLE_SIZE, color=INK, **centred)
-    text = "  ·  ".join([*facts, DISCLAIMER, f"LAFlattening {__version__}"])
-    figure.text(0.5, 0.16 / PAGE_INCHES[1], text, size=SMALL_SIZE, color=FAINT, **centred)
+    text = textwrap.fill("  ·  ".join([*facts, DISCLAIMER, f"LAFlattening {__version__}"]), LONGEST_LINE)
+    figure.text(0.5, 0.2 / PAGE_INCHES[1], text, size=SMALL_SIZE, color=FAINT, **centred)
     return figure
 
 
@@ -365,7 +367,7 @@ def _missing_legend(bar: Axes, missing: bool) -> None:
 
     if missing:
         bar.legend(
-            handles=[Patch(facecolor=NO_VALUE, label="no value")], loc="upper left", bbox_to_anchor=(-1.0, -0.04),
+            handles=[Patch(facecolor=NO_VALUE, label="no value")], loc="upper left", bbox_to_anchor=(-1.0, -0.09),
             borderaxespad=0.0, handlelength=1.2, frameon=False, fontsize=SMALL_SIZE, labelcolor=INK,
         )  # fmt: skip
 

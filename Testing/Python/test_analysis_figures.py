@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from LAFlatteningLib.blood_pool import BloodPool
 from LAFlatteningLib.comparison import compare_maps
 from LAFlatteningLib.fibrosis import Rule, measure_fibrosis
 from LAFlatteningLib.map_data import MapData
@@ -61,6 +62,22 @@ def test_bands_below_thresholds_run_the_other_way(across):
     for x, colour in ((-0.3, colours[2]), (0.0, colours[1]), (0.15, colours[0])):
         assert picture_at(axes_of(figure)["map"], x, -0.22) == pytest.approx(colour, abs=0.01)
     assert "no value" not in words_of(figure.legends[0])
+
+
+def test_no_line_of_text_runs_off_the_page(across):
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    pool = BloodPool(1.2345, 0.1234, "inside the chamber, more than 5.0 mm from its wall", 1000, 123.4)
+    found = measure_fibrosis(across, "x", Rule("sd", (-12.25, -11.75, -11.5, -11.25, -10.75)), pool)
+    for figure in (
+        pages.make_fibrosis_figure(across, found),
+        pages.make_comparison_figure(compare_maps(across, across, "x", "x"), names=("before.vtp", "after.vtp")),
+    ):
+        renderer = FigureCanvasAgg(figure).get_renderer()
+        for text in figure.texts:
+            box = text.get_window_extent(renderer)
+            assert box.x0 >= 0.0 and box.y0 >= 0.0
+            assert box.x1 <= figure.bbox.width and box.y1 <= figure.bbox.height
 
 
 def test_every_class_is_in_the_table(across):
