@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -45,6 +46,11 @@ CLASS_COLOURS = {1: ("#c51b1b",), 2: ("#f2a93b", "#a50f15")}
 """Colours of the classes beyond normal, by their number; told apart with any colour blindness, and in print."""
 ONLY_A, ONLY_B, BOTH, NEITHER = "#4477AA", "#EE8866", "#3b1f4a", "#e4e4e4"
 DISCLAIMER = "Not a medical device. For research."
+BESIDE_A_MAP = ((0.2, 4.3, 3.7, 3.1), (0.2, 0.75, 3.7, 3.1))
+WITHOUT_A_MAP = ((0.2, 2.2, 4.6, 4.8), (4.9, 2.2, 4.6, 4.8))
+"""Where the two views of the atrium are: left, bottom, width, height in inches."""
+LONGEST_LINE = 170
+"""Letters of small text that fit across the page."""
 MOST_PARTS = 12
 """More lines of a table do not fit on the page."""
 
@@ -86,7 +92,7 @@ def make_fibrosis_figure(atrium: FlatMap | MapData | Surface, found: Fibrosis) -
     surface, data = on_atrium(atrium)
     paint = class_paint(surface, found)
     figure = _page(f"{found.array}: {found.atrium.beyond_percent:.1f} % of the atrium {_beyond(found)}", _facts(found))
-    _views(figure, surface, paint)
+    _views(figure, surface, paint, BESIDE_A_MAP if data is not None else WITHOUT_A_MAP)
     if data is not None:
         axes = add_axes(figure, "map", (4.35, 1.75, 5.2, 5.2))
         _draw_map(axes, data, paint)
@@ -127,6 +133,7 @@ def make_comparison_figure(found: Comparison, *, names: tuple[str, str] = ("A", 
     shown = figure.colorbar(ScalarMappable(norm, cmap), cax=bar, extend="neither" if low == 0.0 else "both")
     shown.set_label(label, size=TEXT_SIZE, color=INK, parse_math=False)
     bar.tick_params(labelsize=SMALL_SIZE, colors=INK)
+    _missing_legend(bar, bool(np.isnan(found.scaled).any()))
     _agreement_table(figure, found)
     return figure
 
@@ -152,6 +159,7 @@ def make_difference_figure(found: Comparison, *, names: tuple[str, str] = ("A", 
     shown = figure.colorbar(ScalarMappable(norm, cmap), cax=bar, extend="both")
     shown.set_label(f"difference, {unit}", size=TEXT_SIZE, color=INK, parse_math=False)
     bar.tick_params(labelsize=SMALL_SIZE, colors=INK)
+    _missing_legend(bar, bool(np.isnan(found.difference).any()))
     if found.threshold_a is not None and found.threshold_b is not None:
         known = np.isfinite(found.values_a) & np.isfinite(found.values_b)
         kinds = found.beyond_a + 2 * found.beyond_b
@@ -215,8 +223,8 @@ def _page(title: str, facts: list[str]) -> Figure:
     figure = Figure(figsize=PAGE_INCHES, dpi=DOTS_PER_INCH, facecolor="white")
     centred: dict[str, Any] = {"ha": "center", "va": "center", "parse_math": False}
     figure.text(0.5, 1.0 - 0.32 / PAGE_INCHES[1], title, size=TITLE_SIZE, color=INK, **centred)
-    text = "  ·  ".join([*facts, DISCLAIMER, f"LAFlattening {__version__}"])
-    figure.text(0.5, 0.16 / PAGE_INCHES[1], text, size=SMALL_SIZE, color=FAINT, **centred)
+    text = textwrap.fill("  ·  ".join([*facts, DISCLAIMER, f"LAFlattening {__version__}"]), LONGEST_LINE)
+    figure.text(0.5, 0.2 / PAGE_INCHES[1], text, size=SMALL_SIZE, color=FAINT, **centred)
     return figure
 
 
@@ -245,14 +253,14 @@ def _comparison_facts(found: Comparison) -> list[str]:
     ]
 
 
-def _views(figure: Figure, surface: Surface, paint: Paint) -> None:
+def _views(figure: Figure, surface: Surface, paint: Paint, places: Sequence[tuple[float, ...]]) -> None:
     """The atrium from behind and from the front, at one scale."""
     views = [standard_view(name, surface.space) for name in ("posterior", "anterior")]
     frames = [view.project(surface.points[surface.used_points])[:, :2] for view in views]
-    size = np.array([3.7, 3.1])
+    size = np.array(places[0][2:])
     mm_per_inch = max(float((np.ptp(frame, axis=0) / (size - (0.6, 0.4))).max()) for frame in frames)
-    for view, frame, bottom in zip(views, frames, (4.3, 0.75), strict=True):
-        axes = add_axes(figure, view.name, (0.2, bottom, *size))
+    for view, frame, place in zip(views, frames, places, strict=True):
+        axes = add_axes(figure, view.name, place)
         low = 0.5 * (frame.min(axis=0) + frame.max(axis=0)) - 0.5 * mm_per_inch * size
         columns, rows = (int(count) for count in np.round(size * VIEW_DOTS_PER_INCH))
         projected = view.project(surface.points)
@@ -341,15 +349,27 @@ def _class_legend(figure: Figure, paint: Paint, found: Fibrosis) -> None:
 def _class_table(figure: Figure, found: Fibrosis) -> None:
     """Areas by part, below the map."""
     columns = [("part", 4.15), ("area (cm2)", 6.7)]
-    columns += [(f"{name} (%)", 7.65 + 1.25 * k) for k, name in enumerate(found.class_names[:3])]
+    apart = 3.75 / max(3, len(found.class_names))
+    columns += [(f"{name} (%)", 7.65 + apart * k) for k, name in enumerate(found.class_names)]
     _row(figure, 1.52, columns, FAINT)
     shown = [part for part in found.parts if part.group in ("atrium", REGION_ARRAY)][:8]
     for number, part in enumerate(shown):
         name = part.name if part.group == "atrium" else f"R{part.label} {part.name}"
-        numbers = [f"{share:.1f}" if share == share else "-" for share in part.class_percent[:3]]
+        numbers = [f"{share:.1f}" if share == share else "-" for share in part.class_percent]
         words = [name, f"{part.area_cm2:.1f}", *numbers]
         cells = [(word, at) for word, (_, at) in zip(words, columns, strict=True)]
         _row(figure, 1.36 - 0.15 * number, cells, INK)
+
+
+def _missing_legend(bar: Axes, missing: bool) -> None:
+    """Below a colour bar, the colour of places without a value, where there are some."""
+    from matplotlib.patches import Patch
+
+    if missing:
+        bar.legend(
+            handles=[Patch(facecolor=NO_VALUE, label="no value")], loc="upper left", bbox_to_anchor=(-1.0, -0.09),
+            borderaxespad=0.0, handlelength=1.2, frameon=False, fontsize=SMALL_SIZE, labelcolor=INK,
+        )  # fmt: skip
 
 
 def _agreement_table(figure: Figure, found: Comparison) -> None:

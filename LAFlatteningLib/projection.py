@@ -24,6 +24,8 @@ STATISTICS = ("max", "mean")
 
 SAMPLES_AT_ONCE = 2_000_000
 """Points are done in groups of about so many samples, to bound memory."""
+FLAT = 1e-9
+"""A piece that encloses less than this share of (its area) ^ 3/2 is flat, but for rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +149,7 @@ def outward_normals(surface: Surface) -> FloatArray:
 
     Raises
     ------
-    SurfaceError : a flat map; triangles that cannot be turned the same way; a piece that encloses nothing.
+    SurfaceError : a flat map; triangles that cannot be turned the same way; a surface that encloses nothing.
     """
     if np.ptp(surface.points[surface.used_points], axis=0).min() == 0.0:
         raise SurfaceError(
@@ -156,17 +158,24 @@ def outward_normals(surface: Surface) -> FloatArray:
     if not surface.is_oriented:
         surface = surface.with_triangles(topology.orient(surface.triangles, surface.edges))
     triangles = surface.triangles.copy()
+    turned, encloses = False, False
     for piece in range(surface.component_count):
         own = surface.components == piece
         part = surface if surface.component_count == 1 else surface.submesh(own)[0]
         volume = part.enclosed_volume
-        if volume == 0.0:
-            raise SurfaceError(
-                "The surface encloses no volume, so that it has no outer side. Expected the wall of a chamber."
-            )
+        if abs(volume) <= FLAT * part.area**1.5:
+            # A stray triangle, for example: it has no outside, and stays as it is.
+            continue
+        encloses = True
         if volume < 0.0:
             triangles[own] = triangles[own][:, ::-1]
-    return surface.with_triangles(triangles).point_normals
+            turned = True
+    if not encloses:
+        raise SurfaceError(
+            "The surface encloses no volume, so that it has no outer side. Expected the wall of a chamber."
+        )
+    # The surface keeps its normals, so that a change of the depth is quick.
+    return surface.with_triangles(triangles).point_normals if turned else surface.point_normals
 
 
 def _interval(depth_mm: float, side: str, interval_mm: Sequence[float] | None) -> tuple[float, float]:
@@ -185,7 +194,9 @@ def _interval(depth_mm: float, side: str, interval_mm: Sequence[float] | None) -
 
 
 def _check_image(volume: Volume) -> None:
-    first = volume.values.reshape(-1)[0]
+    first = volume.values.flat[0]
+    if first != first and np.isnan(volume.values).all():
+        raise InputFileError("The image has no voxel with a value (all are NaN). Check that it is the right volume.")
     if first == first and (volume.values == first).all():
         raise InputFileError(
             f"The image is {float(first):g} everywhere; expected one that shows the atrium. Check that it is the right "
