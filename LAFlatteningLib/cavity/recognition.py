@@ -123,7 +123,9 @@ def recognise(
         notes.append(f"{' and '.join(doubtful)} could also be taken otherwise; check which is which.")
     mirror = _fit(_mirror(layout), directions, orders, extra, 180.0)
     exchanged = dict(zip(holes, map(int, mirror.order), strict=True)) if mirror.misfit <= LIKELY_MISFIT else {}
-    return Recognition(names, best.rotation, best.misfit, best.lead, "low" if notes else "high", tuple(notes), mirrored)
+    return Recognition(
+        names, best.rotation, best.misfit, best.lead, "low" if notes else "high", tuple(notes), exchanged
+    )
 
 
 @dataclass(frozen=True)
