@@ -19,7 +19,7 @@ RINGS, WORST_STEPS = 4, (6, 6, 6)
 """Rings of triangles round them that move along, and quasi-Newton steps from preconditioner to preconditioner."""
 LEVELS = 6
 """Most times that the very worst, within a factor of ten, are relaxed before the others join them."""
-STEPS = (2, 2, 4, 20, 40)
+STEPS = (4, 4, 8, 30)
 """Most quasi-Newton steps; the preconditioner is made anew, from the map as it is by then, between them."""
 GUARD = 1e-2
 """Weight of the triangles that are only guarded against folding, whose area the others count already."""
