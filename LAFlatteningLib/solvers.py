@@ -34,13 +34,17 @@ class Factorisation:
     matrix : (n, n) sparse.
     order : the order of elimination that another factorisation found for the same pattern (`order`), which
         saves a third of the time; by default one is found.
+    in_order : whether the rows stand in such an order already.
     """
 
-    def __init__(self, matrix: sparse.csr_matrix | sparse.csc_matrix, order: IntArray | None = None) -> None:
+    def __init__(
+        self, matrix: sparse.csr_matrix | sparse.csc_matrix, order: IntArray | None = None, in_order: bool = False
+    ) -> None:
         self._order = order
+        self.size = matrix.shape[0]
         if order is not None:
             matrix = matrix[:, order][order]
-        self._solver = (_Superlu if _cholmod is None else _Cholmod)(matrix.tocsc(), order is None)
+        self._solver = (_Superlu if _cholmod is None else _Cholmod)(matrix.tocsc(), order is None and not in_order)
 
     @property
     def order(self) -> IntArray:

@@ -246,7 +246,9 @@ class Flattener:
             if start is None or not len(freed):
                 break
         with watch.stage("refine"):
-            flat = lower_distortion(flat, cut, ~(fixed | loose), guarded, order, self._steps, part(progress, 0.6, 1.0))
+            flat = lower_distortion(
+                flat, cut, ~(fixed | loose), guarded, order, self._steps, self._steps is STEPS, part(progress, 0.6, 1.0)
+            )
         # The promise of this method, checked on every map.
         for points, checked in ((cut.points, cut.triangles), (surface.points, surface.triangles)):
             left = folded_triangles(flat, checked)

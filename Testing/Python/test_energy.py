@@ -8,7 +8,8 @@ import pytest
 
 from LAFlatteningLib import distortion, operators
 from LAFlatteningLib.errors import FoldError
-from LAFlatteningLib.flattening.energy import AREA, PatchEnergy, descend, rest_shapes
+from LAFlatteningLib.flattening.descent import descend
+from LAFlatteningLib.flattening.energy import AREA, PatchEnergy, rest_shapes
 from LAFlatteningLib.flattening.refinement import lower_distortion
 from LAFlatteningLib.flattening.untangling import untangle
 
