@@ -69,10 +69,11 @@ def lower_distortion(
     scale = float(np.sqrt(operators.triangle_areas(flat, surface.triangles).sum() / areas.sum()))
     rest = rest_shapes(surface.points, triangles, scale)
     weights = np.concatenate([areas, operators.triangle_areas(surface.points, guarded)]) / areas.mean()
-    flat = _relax_worst(flat, triangles, rest, weights, movable)
+    even = weights.copy()
     weights[len(areas) :] *= GUARD
     energy = PatchEnergy(flat, triangles, rest, movable, weights, len(guarded), surface.edges, order)
-    variables = energy.start()
+    flat = _relax_worst(flat, energy, triangles, rest, even, movable)
+    variables = flat[energy.ids]
     radius = 0.5 * float(np.ptp(flat, axis=0).max())
     rounds = len(most) + 2
     for number, steps in enumerate(most):
@@ -118,20 +119,29 @@ def _by_hessians(energy: PatchEnergy, variables: FloatArray, still: float) -> tu
 
 
 def _relax_worst(
-    flat: FloatArray, triangles: IntArray, rest: FloatArray, areas: FloatArray, movable: NDArray[np.bool_]
+    flat: FloatArray,
+    whole: PatchEnergy,
+    triangles: IntArray,
+    rest: FloatArray,
+    areas: FloatArray,
+    movable: NDArray[np.bool_],
 ) -> FloatArray:
     """The map with the places where triangles are all but folded relaxed.
 
     A few such triangles, left where folds were turned back, would keep every step of the whole map short. The very
     worst come first, by themselves, or they would do the same in their patches.
     """
-    whole = PatchEnergy(flat, triangles, rest, movable)
-    corner = corner_matrix(triangles, len(flat))
+    corner = None
     result = flat.copy()
     for level in range(LEVELS + 1):
         mips = whole.mips(result[whole.ids])
         last = level == LEVELS or mips.max() < 2.0 * WORST
-        near = neighbourhood(corner, np.flatnonzero(mips > max(0.5 * WORST, 0.0 if last else 0.1 * mips.max())), RINGS)
+        worst = np.flatnonzero(mips > max(0.5 * WORST, 0.0 if last else 0.1 * mips.max()))
+        if not len(worst):
+            break
+        if corner is None:
+            corner = corner_matrix(triangles, len(flat))
+        near = neighbourhood(corner, worst, RINGS)
         used = (near & movable)[triangles].any(axis=1)
         if not used.any():
             break
