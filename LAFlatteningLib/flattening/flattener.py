@@ -117,10 +117,16 @@ class Flattener:
                 division = divide(surface, self._ways.mesh, connected, self.template)
         report(progress, 0.3, "Flattening")
         freed = np.zeros(0, np.int64)
-        if self.method == "paper":
-            flat = self._solve_as_published(surface, constraints, watch, progress)
-        else:
-            flat, constraints, freed = self._solve(surface, snapped, division, watch, progress)
+        try:
+            if self.method == "paper":
+                flat = self._solve_as_published(surface, constraints, watch, progress)
+            else:
+                flat, constraints, freed = self._solve(surface, snapped, division, watch, progress)
+        except np.linalg.LinAlgError as error:
+            raise SurfaceError(
+                "The equations of the map have no unique solution, because triangles of the surface have all but no "
+                "area. Remesh the surface evenly."
+            ) from error
         report(progress, 1.0, "Done")
         self._latest = FlatMap(
             flat,

@@ -107,7 +107,10 @@ def _finish(energy: PatchEnergy, variables: FloatArray, radius: float) -> FloatA
 def _by_hessians(energy: PatchEnergy, variables: FloatArray, still: float) -> tuple[FloatArray, bool]:
     """Steps with the Hessian, and whether they have come to the minimum."""
     for _ in range(HESSIANS):
-        hessian = energy.hessian(variables)
+        try:
+            hessian = energy.hessian(variables)
+        except np.linalg.LinAlgError:
+            break
         variables, taken = descend(
             energy.distortion, variables, energy.reach, hessian, HESSIAN_STEPS, tolerance=0.0, still=still
         )
