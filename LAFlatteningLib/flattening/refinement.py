@@ -22,7 +22,7 @@ LEVELS = 6
 """Most times that the very worst, within a factor of ten, are relaxed before the others join them."""
 STEPS = (4, 4, 8)
 """Most quasi-Newton steps; the preconditioner is made anew, from the map as it is by then, between them."""
-HESSIANS, HESSIAN_STEPS = 2, 16
+HESSIANS, HESSIAN_STEPS = 2, 24
 """Then the Hessian takes the place of the preconditioner: so many of them at most, and steps with each."""
 MOST_FOR_HESSIAN = 250_000
 """Points up to which there are Hessians; their factors take four times the memory of the preconditioner's."""
