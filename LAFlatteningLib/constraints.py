@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .division import Division
+from .rim_length import rim_lengths
 from .surface import FloatArray, IntArray
 from .template import Template
 
@@ -70,37 +71,42 @@ def constraints_by_count(division: Division, template: Template, as_printed: boo
         step = 360.0 / PUBLISHED_CIRCLE_STEPS
         return rim.shape.at(step * round(rim.feet[path] / step))
 
-    return _constraints(division, template, steps, foot)
+    return _constraints(division, template, steps, lambda loop: np.arange(len(loop) + 1.0), foot)
 
 
 def constraints_by_length(division: Division, template: Template) -> Constraints:
-    """Points spread by length: a point's place on its arc or path is the share of the length (mm) walked so far."""
+    """Points spread by length: a point's place on its arc or path is the share of the length (mm) walked so far.
+
+    For lengths along rims, see `rim_length.rim_lengths`.
+    """
     points = division.surface.points
 
     def walked(ids: IntArray) -> FloatArray:
         length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points[ids], axis=0), axis=1))])
         return length / length[-1]
 
-    return _constraints(division, template, walked, template.foot)
+    return _constraints(division, template, walked, lambda loop: rim_lengths(points[loop]), template.foot)
 
 
 def _constraints(
     division: Division,
     template: Template,
     fractions: Callable[[IntArray], FloatArray],
+    along_rim: Callable[[IntArray], FloatArray],
     foot: Callable[[str, int], FloatArray],
 ) -> Constraints:
-    """Targets, with `fractions` giving the share (0 to 1) of an arc or path at each of its points, ends included,
-    and `foot` where a path begins (0) and ends (1)."""
+    """Targets, with `fractions` giving the share (0 to 1) of a path at each of its points, ends included, `along_rim`
+    how far along a rim each of its points is, and at last its whole length, and `foot` where a path begins (0) and
+    ends (1)."""
     anatomy = template.anatomy
     rim_ids, rim_targets = [], []
     for opening in anatomy.openings:
         loop, feet, rim = division.loops[opening], division.feet[opening], template.rim(opening)
         rim_ids.append(loop)
-        closed_loop = np.append(loop, loop[0])
+        along = along_rim(loop)
         stops = np.append(feet[1:], len(loop))
         for start, stop, angles in zip(feet, stops, rim.arcs(anatomy.feet(opening)), strict=True):
-            share = fractions(closed_loop[start : stop + 1])[:-1]
+            share = (along[start:stop] - along[start]) / (along[stop] - along[start])
             rim_targets.append(rim.shape.at(rim.shape.angle_at(*angles, share)))
     rims = np.concatenate(rim_ids)
     taken = np.zeros(len(division.surface.points), bool)

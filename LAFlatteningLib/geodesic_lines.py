@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .half_edges import HalfEdges
+from .half_edges import HalfEdges, after, before
 from .surface import FloatArray, IntArray
 
 PASSES = 1000
@@ -185,7 +185,7 @@ def _unfold(
     apex = mesh.apex(np.append(twins, first)).tolist()
     origin = mesh.origin
     a, b = 0j, complex(length)
-    own = {int(origin[first]): a, mesh.end(first): b, int(origin[_third(first)]): a + (b - a) * apex[-1]}
+    own = {int(origin[first]): a, mesh.end(first): b, int(origin[before(first)]): a + (b - a) * apex[-1]}
     begin = _where(mesh, start, own)
     left, right = [b], [a]
     for k, twin in enumerate(twins.tolist()):
@@ -193,7 +193,7 @@ def _unfold(
         c = b + (a - b) * apex[k]
         if k + 1 < len(strip):
             h = strip[k + 1]
-            if h == _following(twin):
+            if h == after(twin):
                 # From the end of the twin (a) to the new point.
                 a, b = a, c
             else:
@@ -201,17 +201,8 @@ def _unfold(
             left.append(b)
             right.append(a)
         else:
-            own = {int(origin[twin]): b, mesh.end(twin): a, int(origin[_third(twin)]): c}
+            own = {int(origin[twin]): b, mesh.end(twin): a, int(origin[before(twin)]): c}
     return left, right, begin, _where(mesh, stop, own)
-
-
-def _following(h: int) -> int:
-    return h + 1 if h % 3 < 2 else h - 2
-
-
-def _third(h: int) -> int:
-    """The half-edge that starts at the third point of a half-edge's triangle."""
-    return h - 1 if h % 3 else h + 2
 
 
 def _where(mesh: HalfEdges, place: Place, corners: dict[int, complex]) -> complex:

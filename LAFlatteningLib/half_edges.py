@@ -55,7 +55,7 @@ class HalfEdges:
 
     def end(self, h: int) -> int:
         """The point where a half-edge ends."""
-        return self._origin[h + 1 if h % 3 < 2 else h - 2]
+        return self._origin[after(h)]
 
     def ends(self, strip: Sequence[int] | IntArray) -> IntArray:
         """(k, 2) both points of each half-edge: where it starts (right of the walk) and ends (left of it)."""
@@ -123,11 +123,12 @@ class HalfEdges:
         strip: list[int] = []
         at = start
         for k, point in enumerate(points):
-            fan = [h // 3 for h in self.fan(point)]
-            closed = self._twin[self._last(point)] >= 0
+            leaving = self.fan(point)
+            fan = [h // 3 for h in leaving]
+            closed = self._twin[before(leaving[-1])] >= 0
             if k + 1 < len(points):
                 # Both triangles on the edge to the next point will do.
-                goals = [h // 3 for h in self.fan(point) if points[k + 1] in (self.end(h), self._before(h))]
+                goals = [h // 3 for h in leaving if points[k + 1] in (self.end(h), self._origin[before(h)])]
             else:
                 goals = [stop] if stop is not None else fan if at is None else [at]
             if at is None:
@@ -149,15 +150,6 @@ class HalfEdges:
             strip += turned
             at = best[1]
         return self.without_detours(strip)
-
-    def _before(self, h: int) -> int:
-        """The third point of the triangle of a half-edge: neither its start nor its end."""
-        return self._origin[h - 1 if h % 3 else h + 2]
-
-    def _last(self, point: int) -> int:
-        """The half-edge that comes back to a point in the last triangle of its fan."""
-        h = self.fan(point)[-1]
-        return h - 1 if h % 3 else h + 2
 
     def without_detours(self, strip: Sequence[int]) -> list[int]:
         """The same strip without loops: it enters no triangle twice."""
@@ -210,15 +202,20 @@ class HalfEdges:
             crossing = far.real + (near.real - far.real) * far.imag / (far.imag - near.imag)
         seen = (crossing > 0.0) & (crossing < 1.0)
         h, twin = h[seen], twin[seen]
-        ends = np.stack([self.origin[_third(h)], self.origin[_third(twin)]], axis=1)
+        ends = np.stack([self.origin[np.where(g % 3 > 0, g - 1, g + 2)] for g in (h, twin)], axis=1)
         edge = self.ends(h)
         length = np.linalg.norm(self.points[edge[:, 0]] - self.points[edge[:, 1]], axis=1)
         return ends, np.abs(near - far)[seen] * length
 
 
-def _third(h: IntArray) -> IntArray:
-    """The half-edges that start at the third points of the triangles of others."""
-    return np.where(h % 3 > 0, h - 1, h + 2)
+def before(h: int) -> int:
+    """The half-edge before another in its triangle: it starts at the third point."""
+    return h - 1 if h % 3 else h + 2
+
+
+def after(h: int) -> int:
+    """The half-edge after another in its triangle."""
+    return h + 1 if h % 3 < 2 else h - 2
 
 
 def corner_angles(points: FloatArray, triangles: IntArray) -> FloatArray:

@@ -16,6 +16,7 @@ from .geodesics import PathTree
 from .half_edges import HalfEdges
 from .insertion import Inserted, insert_lines, meeting
 from .ostium_ways import rim_place
+from .rim_length import rim_lengths
 from .seed_paths import SeedPaths
 from .subcontours import spread_lengths
 from .surface import FloatArray, IntArray, Surface
@@ -122,9 +123,8 @@ class _Rim:
 
     def __init__(self, mesh: HalfEdges, loop: IntArray, outer: bool) -> None:
         self.mesh, self.loop, self.outer = mesh, loop, outer
-        corner = np.append(loop, loop[0])
-        self._index = np.arange(len(corner))
-        self._at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(mesh.points[corner], axis=0), axis=1))])
+        self._index = np.arange(len(loop) + 1)
+        self._at = rim_lengths(mesh.points[loop])
         self.length = float(self._at[-1])
 
     def position(self, coordinate: float) -> float:

@@ -34,13 +34,21 @@ class Factorisation:
     matrix : (n, n) sparse.
     order : the order of elimination that another factorisation found for the same pattern (`order`), which
         saves a third of the time; by default one is found.
+    in_order : whether the rows stand in such an order already.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError : the matrix is singular or, found by CHOLMOD only, not positive definite.
     """
 
-    def __init__(self, matrix: sparse.csr_matrix | sparse.csc_matrix, order: IntArray | None = None) -> None:
+    def __init__(
+        self, matrix: sparse.csr_matrix | sparse.csc_matrix, order: IntArray | None = None, in_order: bool = False
+    ) -> None:
         self._order = order
+        self.size = matrix.shape[0]
         if order is not None:
             matrix = matrix[:, order][order]
-        self._solver = (_Superlu if _cholmod is None else _Cholmod)(matrix.tocsc(), order is None)
+        self._solver = (_Superlu if _cholmod is None else _Cholmod)(matrix.tocsc(), order is None and not in_order)
 
     @property
     def order(self) -> IntArray:
@@ -58,13 +66,16 @@ class Factorisation:
 
 class _Superlu:
     def __init__(self, matrix: sparse.csc_matrix, find_order: bool) -> None:
-        self._factor = splu(
-            matrix,
-            permc_spec="MMD_AT_PLUS_A" if find_order else "NATURAL",
-            diag_pivot_thresh=0.0,
-            panel_size=1,
-            options={"SymmetricMode": True},
-        )
+        try:
+            self._factor = splu(
+                matrix,
+                permc_spec="MMD_AT_PLUS_A" if find_order else "NATURAL",
+                diag_pivot_thresh=0.0,
+                panel_size=1,
+                options={"SymmetricMode": True},
+            )
+        except RuntimeError as error:
+            raise np.linalg.LinAlgError(str(error)) from error
 
     @property
     def order(self) -> IntArray:
@@ -77,7 +88,10 @@ class _Superlu:
 class _Cholmod:
     def __init__(self, matrix: sparse.csc_matrix, find_order: bool) -> None:
         assert _cholmod is not None
-        self._factor = _cholmod.cholesky(matrix, ordering_method="default" if find_order else "natural")
+        try:
+            self._factor = _cholmod.cholesky(matrix, ordering_method="default" if find_order else "natural")
+        except _cholmod.CholmodError as error:
+            raise np.linalg.LinAlgError(str(error)) from error
 
     @property
     def order(self) -> IntArray:

@@ -14,11 +14,6 @@ from ..surface import Surface
 from .access import unreadable
 from .carto import lps_from_carto, measured
 
-try:
-    import h5py
-except ImportError:  # an optional extra
-    h5py = None
-
 TABLES = {"act_bip": ("LAT", "Bipolar"), "uni_imp_frc": ("Unipolar", "Impedance", "Force")}
 """Table of the file -> the quantities in its columns."""
 LPS_SYSTEMS = ("precision", "ensite", "velocity", "navx")
@@ -41,14 +36,9 @@ def read_openep(path: Path) -> Surface:
     is_hdf5 = b"\x89HDF\r\n\x1a\n" in (head[:8], head[512:520])
     if not is_hdf5 and not head.startswith(b"MATLAB"):
         raise unreadable(path, 'it is not a MATLAB file (it does not begin with "MATLAB")')
-    if is_hdf5 and h5py is None:
-        raise InputFileError(
-            f'"{path}" is a MATLAB file of version 7.3, which needs the Python package h5py. Install it (pip install '
-            "h5py), or in MATLAB save the data set with the option -v7."
-        )
     try:
         if is_hdf5:
-            with h5py.File(path, "r") as file:
+            with _h5py(path).File(path, "r") as file:
                 return _surface(path, _Hdf5(file))
         return _surface(path, _Matlab(path))
     except LAFlatteningError:
@@ -97,7 +87,7 @@ class _Hdf5:
     def array(self, *names: str) -> NDArray[Any] | None:
         """As `_Matlab.array`; HDF5 holds the rows of MATLAB as columns, and of an empty array its size."""
         node = self.get(*names)
-        if not isinstance(node, h5py.Dataset) or node.dtype.kind not in "fiub" or "MATLAB_empty" in node.attrs:
+        if not hasattr(node, "dtype") or node.dtype.kind not in "fiub" or "MATLAB_empty" in node.attrs:
             return None
         values = np.atleast_2d(node[()]).T
         return values if values.size else None
@@ -105,9 +95,21 @@ class _Hdf5:
     def text(self, *names: str) -> str:
         """As `_Matlab.text`; letters are numbers."""
         node = self.get(*names)
-        if not isinstance(node, h5py.Dataset) or node.dtype.kind != "u" or node.size > 1000:
+        if not hasattr(node, "dtype") or node.dtype.kind != "u" or node.size > 1000:
             return ""
         return "".join(chr(int(letter)) for letter in np.ravel(node[()]))
+
+
+def _h5py(path: Path) -> Any:
+    """The optional package h5py, loaded only when a file needs it."""
+    try:
+        import h5py
+    except ImportError as error:
+        raise InputFileError(
+            f'"{path}" is a MATLAB file of version 7.3, which needs the Python package h5py. Install it (pip install '
+            "h5py), or in MATLAB save the data set with the option -v7."
+        ) from error
+    return h5py
 
 
 def _surface(path: Path, data: _Matlab | _Hdf5) -> Surface:

@@ -13,10 +13,7 @@ With J the Jacobian of a triangle, surface to map:
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,8 +29,6 @@ LAMBDA = 0.01
 """Weight of keeping area against keeping angles while untangling. Small, but scale must not drift."""
 AREA = 0.4
 """Weight of keeping area against keeping angles in the distortion of a map. Docs/method.md shows what others give."""
-_MEMORY = 8
-"""Pairs of steps that the quasi-Newton method remembers."""
 
 
 def rest_shapes(points: FloatArray, triangles: IntArray, scale: float) -> FloatArray:
@@ -75,6 +70,8 @@ class PatchEnergy:
     weights : (k,) weight of each triangle (default 1).
     guards : how many triangles, the last ones, only must not fold: preconditioners leave them out.
     mesh_edges : edges of the other triangles, if they are known already.
+    order : in which order the variables stand, as an order of their ids: a good one for elimination
+        (`Factorisation.order`). By default, that of their ids, and one is found for every factorisation.
     """
 
     def __init__(
@@ -86,8 +83,10 @@ class PatchEnergy:
         weights: FloatArray | None = None,
         guards: int = 0,
         mesh_edges: topology.Edges | None = None,
+        order: IntArray | None = None,
     ) -> None:
         self._triangles = triangles
+        self._in_order = order is not None
         self._counted = len(triangles) - guards
         self._mesh_edges = mesh_edges
         self._flat = flat.copy()
@@ -100,6 +99,8 @@ class PatchEnergy:
         used = np.zeros(len(flat), bool)
         used[triangles] = True
         self.ids = np.flatnonzero(used & movable)
+        if order is not None:
+            self.ids = self.ids[order]
         """Ids of the variables, in their order."""
         self._number = np.full(len(flat), -1, np.int64)
         self._number[self.ids] = np.arange(len(self.ids))
@@ -178,39 +179,85 @@ class PatchEnergy:
         corners[:, 1, 0], corners[:, 2, 0], corners[:, 2, 1] = base, x, height
         return self._inverse_dirichlet(corners, self._weights)
 
-    def preconditioner(self, variables: FloatArray, order: IntArray | None = None) -> Factorisation:
+    def preconditioner(self, variables: FloatArray) -> Factorisation:
         """A stand-in for the inverse of the Hessian at a map without folds.
 
         A small displacement v of the map changes the distortion of a triangle to second order by about
         weight (tr(J^T J)/det(J))^2 |grad v|^2, the gradient taken on the map: a Dirichlet energy there.
-
-        Parameters
-        ----------
-        order : `Factorisation.order` of an earlier preconditioner of this energy.
         """
         det = np.maximum(self.determinants(variables), 1e-6)
         area = self._rest[:, 0] * self._rest[:, 2] * det
         stiffness = self._weights * (2.0 * self.mips(variables)) ** 2 / area
         flat = self._flat.copy()
         flat[self.ids] = variables
-        return self._inverse_dirichlet(flat[self._triangles], stiffness, order)
+        return self._inverse_dirichlet(flat[self._triangles], stiffness)
 
-    def _inverse_dirichlet(
-        self, corners: FloatArray, stiffness: FloatArray, order: IntArray | None = None
-    ) -> Factorisation:
+    def hessian(self, variables: FloatArray) -> Factorisation:
+        """The Hessian of the distortion, factorised; of a map without folds, near its minimum.
+
+        It acts on the coordinates of the variables in turn, (2v,). The triangles that are only guarded are left out.
+        With z the map as a complex number, a triangle's distortion depends on |a| and |b| only, a being the derivative
+        of z by the complex coordinate at rest and b that by its conjugate: |J|^2 = 2 (|a|^2 + |b|^2) and
+        det J = |a|^2 - |b|^2. So its second derivatives are a 2 x 2 matrix for changes of |a| and |b|, and a number
+        each for turning a and b.
+        """
+        one, two = (column[: self._counted] for column in self._columns(variables)[:2])
+        a, b = 0.5 * (one - 1j * two), 0.5 * (one + 1j * two)
+        p, q = a.real**2 + a.imag**2, b.real**2 + b.imag**2
+        total, inverse = p + q, 1.0 / (p - q)
+        # First and second derivatives by p + q and p - q, then by p and q.
+        by_s, by_d = 2.0 * total * inverse**2, -2.0 * total**2 * inverse**3 + AREA * (1.0 - inverse**2)
+        by_ss, by_sd = 2.0 * inverse**2, -4.0 * total * inverse**3
+        by_dd = 6.0 * total**2 * inverse**4 + 2.0 * AREA * inverse**3
+        by_p, by_q = by_s + by_d, by_s - by_d
+        weights = self._weights[: self._counted]
+        turn_a, turn_b = 2.0 * weights * by_p, 2.0 * weights * by_q
+        stretch_a = turn_a + 4.0 * weights * p * (by_ss + 2.0 * by_sd + by_dd)
+        stretch_b = turn_b + 4.0 * weights * q * (by_ss - 2.0 * by_sd + by_dd)
+        both = 4.0 * weights * np.sqrt(p * q) * (by_ss - by_dd)
+        # a is the sum over the corners of share * z, b that of conj(share) * z.
+        u, v = 0.5 * (self._p - 1j * self._q)[: self._counted], -0.5j * self._r[: self._counted]
+        towards_a, towards_b = _direction(a), _direction(b)
+        along_a = [towards_a * share.conj() for share in (-u - v, u, v)]
+        along_b = [towards_b * share for share in (-u - v, u, v)]
+        blocks = np.empty((self._counted, 3, 2, 2))
+        for k in range(3):
+            i, j = (k + 1) % 3, (k + 2) % 3
+            ai, aj, bi, bj = along_a[i], along_a[j], along_b[i], along_b[j]
+            for x, (ai_x, bi_x, turned_ai, turned_bi) in enumerate(
+                ((ai.real, bi.real, -ai.imag, -bi.imag), (ai.imag, bi.imag, ai.real, bi.real))
+            ):
+                for y, (aj_y, bj_y, turned_aj, turned_bj) in enumerate(
+                    ((aj.real, bj.real, -aj.imag, -bj.imag), (aj.imag, bj.imag, aj.real, bj.real))
+                ):
+                    blocks[:, k, x, y] = (
+                        ai_x * (stretch_a * aj_y + both * bj_y)
+                        + bi_x * (stretch_b * bj_y + both * aj_y)
+                        + turn_a * turned_ai * turned_aj
+                        + turn_b * turned_bi * turned_bj
+                    )
+        return Factorisation(self._pattern.block_matrix(blocks), in_order=self._in_order)
+
+    def _inverse_dirichlet(self, corners: FloatArray, stiffness: FloatArray) -> Factorisation:
         """Solver for the Dirichlet energy of triangles (k, 3, 2), each with its own stiffness (k,)."""
         # Obtuse triangles must not make the matrix indefinite.
         weight = np.maximum(operators.corner_cotangents(corners[: self._counted]), 0.05)
         weight *= stiffness[: self._counted, None]
-        return Factorisation(self._pattern.matrix(weight), order)
+        return Factorisation(self._pattern.matrix(weight), in_order=self._in_order)
 
     @cached_property
     def _pattern(self) -> _DirichletPattern:
         return _DirichletPattern(self._number[self._triangles[: self._counted]], len(self.ids), self._mesh_edges)
 
 
+def _direction(z: ComplexArray) -> ComplexArray:
+    """z over its absolute value; 1 for 0."""
+    size = np.abs(z)
+    return np.divide(z, size, out=np.ones_like(z), where=size > 0.0)
+
+
 class _DirichletPattern:
-    """Where the entries of a Dirichlet energy's matrix stand, so that new weights only fill in numbers.
+    """Where the entries of an energy's matrix stand, so that new weights only fill in numbers.
 
     Parameters
     ----------
@@ -229,6 +276,7 @@ class _DirichletPattern:
             for k in range(3):
                 ends[mesh_edges.of_triangle[:, k]] = corners[:, [(k + 1) % 3, (k + 2) % 3]]
         ends = np.where(ends < 0, variables, ends)
+        self._corners = np.where(corners < 0, variables, corners)
         self._edge_of_corner = mesh_edges.of_triangle.reshape(-1)
         self._ends = ends
         self._inner = np.flatnonzero((ends < variables).all(axis=1) & (ends[:, 0] != ends[:, 1]))
@@ -252,100 +300,23 @@ class _DirichletPattern:
         data = np.concatenate([inner, inner, diagonal])[self._entry]
         return sparse.csc_matrix((data, *self._structure), shape=(v, v))
 
-
-def descend(
-    function: Callable[[FloatArray], tuple[float, FloatArray]],
-    variables: FloatArray,
-    reach: float,
-    precondition: Factorisation,
-    steps: int,
-    tolerance: float = 1e-4,
-    still: float = 0.0,
-) -> tuple[FloatArray, int]:
-    """Lower a function by limited-memory quasi-Newton steps started from a preconditioner.
-
-    Nocedal and Wright, Numerical Optimization, algorithm 7.4, with the preconditioner as initial inverse
-    Hessian; steps are halved until the energy falls enough (Armijo). Where the function is infinite
-    for folded maps, no step folds one.
-
-    Parameters
-    ----------
-    function : from variables (v, 2) to its value and its derivative.
-    reach : the farthest that a point may move in one step, `PatchEnergy.reach`.
-    steps : most steps to take.
-    tolerance : stop once a step lowers the function by less than this share of it.
-
-    still : stop once a step moves no point by more than this.
-
-    Returns
-    -------
-    variables : (v, 2).
-    taken : number of steps.
-
-    Raises
-    ------
-    ValueError : the function is infinite at the start.
-    """
-    value, gradient = function(variables)
-    if not np.isfinite(value):
-        raise ValueError("The descent must start from a map without folded triangles.")
-    history: deque[_Pair] = deque(maxlen=_MEMORY)
-    scale = 1.0
-    for step in range(steps):
-        direction = _two_loop(gradient, history, precondition, scale)
-        slope = _dot(direction, gradient)
-        if not slope < 0.0 and history:
-            history.clear()
-            direction = _two_loop(gradient, history, precondition, scale)
-            slope = _dot(direction, gradient)
-        # Also where the numbers overflowed: NaN is not below 0.
-        if not slope < 0.0:
-            return variables, step
-        # Far from the minimum the model of the energy is poor: no point moves farther than a few triangles.
-        length = min(1.0, reach / float(np.abs(direction).max()))
-        while True:
-            trial = variables + length * direction
-            new_value, new_gradient = function(trial)
-            if new_value <= value + 1e-4 * length * slope:
-                break
-            length *= 0.5
-            if not length * float(np.abs(direction).max()) >= 1e-9 * reach:
-                return variables, step
-        s, y = trial - variables, new_gradient - gradient
-        curvature = _dot(s, y)
-        if curvature > 0.0:
-            if not history:
-                # Nocedal and Wright, equation 7.20, in the metric of the preconditioner.
-                scale = curvature / _dot(y, precondition.solve(y))
-            history.append(_Pair(s, y, 1.0 / curvature))
-        small = value - new_value < tolerance * abs(value) or float(np.abs(s).max()) < still
-        variables, value, gradient = trial, new_value, new_gradient
-        if small:
-            return variables, step + 1
-    return variables, steps
-
-
-def _dot(a: FloatArray, b: FloatArray) -> float:
-    # Not through BLAS: for vectors of this size its threads cost more than they bring, above all on a busy machine.
-    return float(np.einsum("ij,ij->", a, b))
-
-
-class _Pair(NamedTuple):
-    """A step, the change of the gradient along it, and one over their product."""
-
-    s: FloatArray
-    y: FloatArray
-    inverse: float
-
-
-def _two_loop(gradient: FloatArray, history: deque[_Pair], precondition: Factorisation, scale: float) -> FloatArray:
-    direction = -gradient
-    factors = []
-    for pair in reversed(history):
-        factor = pair.inverse * _dot(pair.s, direction)
-        factors.append(factor)
-        direction = direction - factor * pair.y
-    direction = scale * precondition.solve(direction)
-    for pair, factor in zip(history, reversed(factors), strict=True):
-        direction = direction + (factor - pair.inverse * _dot(pair.y, direction)) * pair.s
-    return direction
+    def block_matrix(self, blocks: FloatArray) -> sparse.csc_matrix:
+        """The matrix (2v, 2v), x and y of each variable side by side, for blocks (k, 3, 2, 2) of the edges opposite
+        each corner of each triangle, from its corner k + 1 (rows) to its corner k + 2; all rows sum to 0."""
+        ends, v, m = self._ends, self._variables, len(self._ends)
+        one, two = self._corners[:, [1, 2, 0]].reshape(-1), self._corners[:, [2, 0, 1]].reshape(-1)
+        flat = blocks.reshape(-1, 2, 2)
+        turned = (ends[self._edge_of_corner, 0] != one)[:, None, None]
+        ordered = np.where(turned, flat.transpose(0, 2, 1), flat)
+        edge, diagonal = np.empty((m, 2, 2)), np.empty((v, 2, 2))
+        for x in range(2):
+            for y in range(2):
+                edge[:, x, y] = np.bincount(self._edge_of_corner, ordered[:, x, y], minlength=m)
+                diagonal[:, x, y] = -(
+                    np.bincount(one, flat[:, x, y], minlength=v + 1) + np.bincount(two, flat[:, y, x], minlength=v + 1)
+                )[:v]
+        inner = edge[self._inner]
+        # The places are read column by column: as rows they are those of the transposed matrix, which is the same.
+        data = np.concatenate([inner.transpose(0, 2, 1), inner, diagonal])[self._entry]
+        rows = sparse.bsr_matrix((data, *self._structure), shape=(2 * v, 2 * v)).tocsr()
+        return sparse.csc_matrix((rows.data, rows.indices, rows.indptr), shape=(2 * v, 2 * v))

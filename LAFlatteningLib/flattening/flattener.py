@@ -12,24 +12,29 @@ from ..cavity.openings import Cavity, make_cavity, nearest_rim
 from ..constraints import Constraints, constraints_by_count, constraints_by_length
 from ..distortion import folded_triangles
 from ..division import Division, divide_as_published
-from ..errors import FoldError, SurfaceError
+from ..errors import FoldError, SeedError, SurfaceError
 from ..line_division import divide
 from ..ostium_ways import WaysAcrossOstia
 from ..progress import ProgressCallback, Stopwatch, part, report
 from ..seed_paths import WaysOverCovers, connect_seeds
-from ..seeds import check_labels, snap_seeds
+from ..seeds import SnappedSeeds, check_labels, snap_seeds
 from ..solvers import harmonic, published_least_squares
 from ..subcontours import ROUNDINGS
 from ..surface import FloatArray, IntArray, Surface
 from ..template import DEFAULT_TEMPLATE, Template
 from .chords import flip_chords
+from .coarse import COARSE_POINTS, COARSE_STEPS, CoarseCopy, coarsened
 from .flat_map import FlatMap
-from .preview import COARSE_POINTS, PREVIEW_STEPS, Preview, Previewer, coarsened
+from .preview import Preview, Previewer
 from .refinement import STEPS, lower_distortion
 from .untangling import fold_error, untangle
 
 METHODS = ("regional", "paper")
 """``regional``: lengths, hard rims and paths, never a fold. ``paper``: the published equations."""
+
+
+FROM_COARSE = 2500
+"""Cavities with more points than this are mapped from the map of their coarse copy on."""
 
 
 class Flattener:
@@ -75,6 +80,7 @@ class Flattener:
         self._ways: WaysAcrossOstia | None = None
         self._steps: Sequence[int] = STEPS
         self._latest: FlatMap | None = None
+        self._copy: CoarseCopy | None = None
         self._previewer: Previewer | None = None
 
     def flatten(self, seeds: Mapping[str, FloatArray], progress: ProgressCallback | None = None) -> FlatMap:
@@ -111,10 +117,16 @@ class Flattener:
                 division = divide(surface, self._ways.mesh, connected, self.template)
         report(progress, 0.3, "Flattening")
         freed = np.zeros(0, np.int64)
-        if self.method == "paper":
-            flat = self._solve_as_published(surface, constraints, watch, progress)
-        else:
-            flat, constraints, freed = self._solve(surface, division, watch, progress)
+        try:
+            if self.method == "paper":
+                flat = self._solve_as_published(surface, constraints, watch, progress)
+            else:
+                flat, constraints, freed = self._solve(surface, snapped, division, watch, progress)
+        except np.linalg.LinAlgError as error:
+            raise SurfaceError(
+                "The equations of the map have no unique solution, because triangles of the surface have all but no "
+                "area. Remesh the surface evenly."
+            ) from error
         report(progress, 1.0, "Done")
         self._latest = FlatMap(
             flat,
@@ -145,8 +157,9 @@ class Flattener:
         seeds = check_labels(seeds, self.template.anatomy)
         outer_points = np.array([seeds[label] for label in self.template.anatomy.outer_seeds])
         cavity, surface, _ = self._prepare(outer_points)
+        copy = self._coarse_copy(surface, outer_points)
         if self._previewer is None or self._previewer.surface is not surface:
-            self._previewer = self._make_previewer(surface, outer_points)
+            self._previewer = Previewer(copy)
         latest = self._latest if self._latest is not None and self._latest.surface is surface else None
         # On this surface, not on the coarse one, seeds go to their places.
         snapped = snap_seeds(seeds, cavity, self.template.anatomy)
@@ -154,18 +167,21 @@ class Flattener:
         rims[self.template.anatomy.outer] = cavity.outer
         return self._previewer.preview(snapped.positions, rims, latest)
 
-    def _make_previewer(self, surface: Surface, outer_points: FloatArray) -> Previewer:
+    def _coarse_copy(self, surface: Surface, outer_points: FloatArray) -> CoarseCopy:
+        if self._copy is not None and self._copy.surface is surface:
+            return self._copy
         bare = Surface(surface.points, surface.triangles, space=surface.space)
         for points in (*COARSE_POINTS, len(surface.points)):
             coarse = Flattener(coarsened(bare, points), self.template, self.method, self.rounding, self.check_axes)
-            coarse._steps = PREVIEW_STEPS
+            coarse._steps = COARSE_STEPS
             try:
                 _, coarse_surface, _ = coarse._prepare(outer_points)
                 break
             except (SurfaceError, FoldError):
                 # Decimation spoiled the mesh; with all its points it is as it was.
                 continue
-        return Previewer(coarse_surface, surface, coarse.flatten)
+        self._copy = CoarseCopy(coarse_surface, surface, coarse.flatten)
+        return self._copy
 
     def _prepare(self, outer_points: FloatArray) -> tuple[Cavity, Surface, int]:
         """The cavity, its surface as it is flattened, and the number of edges flipped for that."""
@@ -199,7 +215,12 @@ class Flattener:
             return harmonic(refined, constraints.rim_ids, constraints.rim_targets)[0]
 
     def _solve(
-        self, surface: Surface, division: Division, watch: Stopwatch, progress: ProgressCallback | None
+        self,
+        surface: Surface,
+        seeds: SnappedSeeds,
+        division: Division,
+        watch: Stopwatch,
+        progress: ProgressCallback | None,
     ) -> tuple[FloatArray, Constraints, IntArray]:
         """A map without folds of the points of `Division.surface`, and the path points that had to leave their places
         for it."""
@@ -208,26 +229,62 @@ class Flattener:
         cut = division.surface
         # Triangles that paths cut must not fold as a whole either: the map is theirs, too.
         guarded = surface.triangles[np.bincount(division.parent) > 1]
+        triangles = np.concatenate([cut.triangles, guarded])
+        fixed = np.zeros(len(cut.points), bool)
+        fixed[constraints.rim_ids] = True
+        loose = np.zeros_like(fixed)
+        loose[constraints.path_ids] = True
         report(progress, 0.3, "Flattening")
-        with watch.stage("solve"):
-            flat, factorisation = harmonic(cut.laplacian, constraints.ids, constraints.targets)
-        report(progress, 0.4, "Turning back folded triangles")
-        with watch.stage("untangle"):
-            fixed = np.zeros(len(cut.points), bool)
-            fixed[constraints.rim_ids] = True
-            loose = np.zeros_like(fixed)
-            loose[constraints.path_ids] = True
-            flat, freed = untangle(flat, np.concatenate([cut.triangles, guarded]), cut.points, fixed, loose)
+        with watch.stage("coarse map"):
+            carried = self._carried(surface, seeds, cut)
+        for start in (carried, None) if carried is not None else (None,):
+            with watch.stage("solve"):
+                flat, order = _with_constraints(cut, constraints, start)
+            report(progress, 0.4, "Turning back folded triangles")
+            with watch.stage("untangle"):
+                try:
+                    flat, freed = untangle(flat, triangles, cut.points, fixed, loose)
+                except FoldError:
+                    if start is None:
+                        raise
+                    continue
+            # The coarse map may pass an opening on the other side.
+            if start is None or not len(freed):
+                break
         with watch.stage("refine"):
             flat = lower_distortion(
-                flat, cut, ~(fixed | loose), guarded, factorisation.order, self._steps, part(progress, 0.6, 1.0)
+                flat, cut, ~(fixed | loose), guarded, order, self._steps, self._steps is STEPS, part(progress, 0.6, 1.0)
             )
         # The promise of this method, checked on every map.
-        for points, triangles in ((cut.points, cut.triangles), (surface.points, surface.triangles)):
-            left = folded_triangles(flat, triangles)
+        for points, checked in ((cut.points, cut.triangles), (surface.points, surface.triangles)):
+            left = folded_triangles(flat, checked)
             if len(left):
-                raise fold_error(points, triangles[left])
+                raise fold_error(points, checked[left])
         return flat, constraints, freed
+
+    def _carried(self, surface: Surface, seeds: SnappedSeeds, cut: Surface) -> FloatArray | None:
+        """The map of the coarse copy at the points of the cut surface; None where there is none."""
+        if len(surface.points) < FROM_COARSE or self._steps is COARSE_STEPS:
+            return None
+        outer_points = np.array([seeds.positions[label] for label in self.template.anatomy.outer_seeds])
+        try:
+            return self._coarse_copy(surface, outer_points).carried(seeds.positions, cut.points)
+        except (SurfaceError, SeedError, FoldError):
+            return None
+
+
+def _with_constraints(cut: Surface, constraints: Constraints, start: FloatArray | None) -> tuple[FloatArray, IntArray]:
+    """The harmonic map with its constraints; or a map plus the harmonic displacement that brings those points to
+    their places. And an order of elimination for the other points."""
+    targets = constraints.targets
+    if start is None:
+        flat, factorisation = harmonic(cut.laplacian, constraints.ids, targets)
+    else:
+        flat, factorisation = harmonic(cut.laplacian, constraints.ids, targets - start[constraints.ids])
+        flat += start
+        # To the last bit.
+        flat[constraints.ids] = targets
+    return flat, factorisation.order
 
 
 def flatten(

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from .. import operators
 from ..progress import ProgressCallback, report
 from ..surface import FloatArray, IntArray, Surface
-from .energy import PatchEnergy, descend, rest_shapes
+from .descent import descend, solved
+from .energy import PatchEnergy, rest_shapes
 from .untangling import corner_matrix, neighbourhood
 
 WORST = 10.0
@@ -19,13 +20,22 @@ RINGS, WORST_STEPS = 4, (6, 6, 6)
 """Rings of triangles round them that move along, and quasi-Newton steps from preconditioner to preconditioner."""
 LEVELS = 6
 """Most times that the very worst, within a factor of ten, are relaxed before the others join them."""
-STEPS = (2, 2, 4, 20, 40)
+STEPS = (4, 4, 8)
 """Most quasi-Newton steps; the preconditioner is made anew, from the map as it is by then, between them."""
+HESSIANS, HESSIAN_STEPS = 2, 24
+"""Then the Hessian takes the place of the preconditioner: so many of them at most, and steps with each."""
+MOST_FOR_HESSIAN = 250_000
+"""Points up to which there are Hessians; their factors take four times the memory of the preconditioner's."""
+EXACT = 1e-8
+"""With them, stop once a step moves no point by more than this share of the map's radius. (The next one would move
+none by more than a tenth of that.)"""
+LAST_STEPS = 40
+"""Most quasi-Newton steps where that does not end."""
 GUARD = 1e-2
 """Weight of the triangles that are only guarded against folding, whose area the others count already."""
 STILL = 2e-4
-"""In the last round of steps, stop once one moves no point by more than this share of the map's radius. (Before, steps
-may be short because a triangle is all but folded.)"""
+"""Of these, stop once one moves no point by more than this share of the map's radius. (Before, steps may be short
+because a triangle is all but folded.)"""
 
 
 def lower_distortion(
@@ -35,6 +45,7 @@ def lower_distortion(
     guarded: IntArray | None = None,
     order: IntArray | None = None,
     most: Sequence[int] = STEPS,
+    finish: bool = True,
     progress: ProgressCallback | None = None,
 ) -> FloatArray:
     """The map with less change of angles and areas, and still without folds.
@@ -47,55 +58,93 @@ def lower_distortion(
     flat : (n, 2) map without folded triangles.
     movable : (n,) points that may move; the others stay exactly where they are.
     guarded : (g, 3) more triangles that must not fold, beside those of the surface.
-    progress : told the share done.
-    most : see `STEPS`.
     order : order of elimination for the movable points, if one is known (`solvers.Factorisation.order`).
+    most : see `STEPS`.
+    finish : whether to go on to the minimum.
+    progress : told the share done.
     """
     areas = surface.triangle_areas
     guarded = np.zeros((0, 3), np.int64) if guarded is None else guarded
     triangles = np.concatenate([surface.triangles, guarded])
     scale = float(np.sqrt(operators.triangle_areas(flat, surface.triangles).sum() / areas.sum()))
-    flat = _relax_worst(flat, triangles, surface.points, scale, movable)
-    energy = PatchEnergy(
-        flat,
-        triangles,
-        rest_shapes(surface.points, triangles, scale),
-        movable,
-        np.concatenate([areas, GUARD * operators.triangle_areas(surface.points, guarded)]) / areas.mean(),
-        len(guarded),
-        surface.edges,
-    )
-    variables = energy.start()
+    rest = rest_shapes(surface.points, triangles, scale)
+    weights = np.concatenate([areas, operators.triangle_areas(surface.points, guarded)]) / areas.mean()
+    even = weights.copy()
+    weights[len(areas) :] *= GUARD
+    energy = PatchEnergy(flat, triangles, rest, movable, weights, len(guarded), surface.edges, order)
+    flat = _relax_worst(flat, energy, triangles, rest, even, movable)
+    variables = flat[energy.ids]
     radius = 0.5 * float(np.ptp(flat, axis=0).max())
+    rounds = len(most) + 2
     for number, steps in enumerate(most):
-        report(progress, number / len(most), "Lowering the distortion")
-        preconditioner = energy.preconditioner(variables, order)
-        order = preconditioner.order
-        still = STILL * radius if number == len(most) - 1 else 0.0
+        report(progress, number / rounds, "Lowering the distortion")
         variables, _ = descend(
-            energy.distortion, variables, energy.reach, preconditioner, steps, tolerance=0.0, still=still
+            energy.distortion, variables, energy.reach, energy.preconditioner(variables), steps, tolerance=0.0
         )
+    report(progress, len(most) / rounds, "Lowering the distortion")
+    if finish:
+        variables = _finish(energy, variables, radius)
     result = flat.copy()
     result[energy.ids] = variables
     return result
 
 
+def _finish(energy: PatchEnergy, variables: FloatArray, radius: float) -> FloatArray:
+    """The minimum, from a place near it."""
+    small = len(variables) <= MOST_FOR_HESSIAN
+    if small:
+        variables, settled = _by_hessians(energy, variables, EXACT * radius)
+        if settled:
+            return variables
+    # Too far from the minimum as yet, or a mesh too large for the memory that Hessians take.
+    preconditioner = energy.preconditioner(variables)
+    variables, _ = descend(
+        energy.distortion, variables, energy.reach, preconditioner, LAST_STEPS, tolerance=0.0, still=STILL * radius
+    )
+    return _by_hessians(energy, variables, EXACT * radius)[0] if small else variables
+
+
+def _by_hessians(energy: PatchEnergy, variables: FloatArray, still: float) -> tuple[FloatArray, bool]:
+    """Steps with the Hessian, and whether they have come to the minimum."""
+    for _ in range(HESSIANS):
+        try:
+            hessian = energy.hessian(variables)
+        except np.linalg.LinAlgError:
+            break
+        variables, taken = descend(
+            energy.distortion, variables, energy.reach, hessian, HESSIAN_STEPS, tolerance=0.0, still=still
+        )
+        if taken < HESSIAN_STEPS:
+            # Steps may also end because the Hessian, not positive definite yet, is of no use.
+            left = solved(hessian, energy.distortion(variables)[1])
+            return variables, bool(np.abs(left).max() < still)
+    return variables, False
+
+
 def _relax_worst(
-    flat: FloatArray, triangles: IntArray, points: FloatArray, scale: float, movable: NDArray[np.bool_]
+    flat: FloatArray,
+    whole: PatchEnergy,
+    triangles: IntArray,
+    rest: FloatArray,
+    areas: FloatArray,
+    movable: NDArray[np.bool_],
 ) -> FloatArray:
     """The map with the places where triangles are all but folded relaxed.
 
     A few such triangles, left where folds were turned back, would keep every step of the whole map short. The very
     worst come first, by themselves, or they would do the same in their patches.
     """
-    rest, areas = rest_shapes(points, triangles, scale), operators.triangle_areas(points, triangles)
-    whole = PatchEnergy(flat, triangles, rest, movable)
-    corner = corner_matrix(triangles, len(flat))
+    corner = None
     result = flat.copy()
     for level in range(LEVELS + 1):
         mips = whole.mips(result[whole.ids])
         last = level == LEVELS or mips.max() < 2.0 * WORST
-        near = neighbourhood(corner, np.flatnonzero(mips > max(0.5 * WORST, 0.0 if last else 0.1 * mips.max())), RINGS)
+        worst = np.flatnonzero(mips > max(0.5 * WORST, 0.0 if last else 0.1 * mips.max()))
+        if not len(worst):
+            break
+        if corner is None:
+            corner = corner_matrix(triangles, len(flat))
+        near = neighbourhood(corner, worst, RINGS)
         used = (near & movable)[triangles].any(axis=1)
         if not used.any():
             break

@@ -11,7 +11,8 @@ from scipy import sparse
 from .. import operators
 from ..errors import FoldError
 from ..surface import FloatArray, IntArray
-from .energy import PatchEnergy, descend, rest_shapes
+from .descent import descend
+from .energy import PatchEnergy, rest_shapes
 
 RINGS = (3, 6, 12, 24)
 """Rings of triangles round a fold that may move; the next number is tried where the one before is not enough."""

@@ -23,7 +23,7 @@ from LAFlatteningLib.flattening import FlatMap
 from LAFlatteningLib.seed_paths import WaysOverCovers, connect_seeds
 from LAFlatteningLib.solvers import Factorisation, solver_name
 
-STAGES = ("cavity", "division", "solve", "untangle", "refine", "total")
+STAGES = ("cavity", "division", "coarse map", "solve", "untangle", "refine", "total")
 
 
 def timed(points: int, repeat: int, method: str) -> tuple[dict[str, float], FlatMap]:
@@ -103,7 +103,7 @@ def main() -> None:
 
     print(f"Linear solver: {solver_name()}")
     print("Seconds from surface and seeds to map, method regional, phantom (median of repeated runs)")
-    print(f"{'points':>8} " + " ".join(f"{stage:>9}" for stage in STAGES) + f" {'growth':>7}")
+    print(f"{'points':>8} " + " ".join(f"{stage:>10}" for stage in STAGES) + f" {'growth':>7}")
     totals: list[float] = []
     for size in sizes:
         seconds, flat_map = timed(size, options.repeat if size <= 50000 else 1, "regional")
@@ -112,7 +112,7 @@ def main() -> None:
         if len(totals) > 1:
             previous = sizes[len(totals) - 2]
             growth = f"N^{np.log(totals[-1] / totals[-2]) / np.log(size / previous):.2f}"
-        print(f"{size:>8} " + " ".join(f"{seconds[stage]:>9.3f}" for stage in STAGES) + f" {growth:>7}", flush=True)
+        print(f"{size:>8} " + " ".join(f"{seconds[stage]:>10.3f}" for stage in STAGES) + f" {growth:>7}", flush=True)
         if len(flat_map.folded_triangles):
             raise SystemExit(f"{len(flat_map.folded_triangles)} folded triangles at {size} points")
     if len(totals) > 1:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ import pytest
 from scipy.io import savemat
 
 from LAFlatteningLib.errors import InputFileError, LAFlatteningError, SurfaceError
-from LAFlatteningLib.files import openep, read_surface, write_surface
+from LAFlatteningLib.files import read_surface, write_surface
 from LAFlatteningLib.quantities import UNITS, unit_of
 from LAFlatteningLib.remeshing import remesh
 from LAFlatteningLib.surface import Surface
@@ -310,7 +311,7 @@ def test_files_that_are_no_openep_data(tmp_path):
 
 def test_version_73_without_h5py_says_what_to_install(tmp_path, monkeypatch):
     save_matlab_73(tmp_path / "a.mat", openep_data(chamber()))
-    monkeypatch.setattr(openep, "h5py", None)
+    monkeypatch.setitem(sys.modules, "h5py", None)
     text = refusal(tmp_path / "a.mat")
     assert "pip install h5py" in text
     assert "-v7" in text

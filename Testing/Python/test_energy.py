@@ -8,7 +8,8 @@ import pytest
 
 from LAFlatteningLib import distortion, operators
 from LAFlatteningLib.errors import FoldError
-from LAFlatteningLib.flattening.energy import AREA, PatchEnergy, descend, rest_shapes
+from LAFlatteningLib.flattening.descent import descend, solved
+from LAFlatteningLib.flattening.energy import AREA, PatchEnergy, rest_shapes
 from LAFlatteningLib.flattening.refinement import lower_distortion
 from LAFlatteningLib.flattening.untangling import untangle
 
@@ -42,6 +43,41 @@ def test_gradient_is_that_of_finite_differences(eps):
         ahead = function(at + step * direction)[0]
         behind = function(at - step * direction)[0]
         assert (ahead - behind) / (2 * step) == pytest.approx((gradient * direction).sum(), rel=1e-4)
+
+
+@pytest.mark.parametrize("ordered", [False, True])
+def test_hessian_is_that_of_finite_differences(ordered):
+    surface, fixed = ring()
+    rng = np.random.default_rng(0)
+    flat = surface.points[:, :2] + 0.02 * rng.standard_normal((len(surface.points), 2))
+    rest = rest_shapes(surface.points, surface.triangles, 1.0)
+    order = rng.permutation(int((~fixed).sum())) if ordered else None
+    energy = PatchEnergy(flat, surface.triangles, rest, ~fixed, surface.triangle_areas, 0, surface.edges, order)
+    at = energy.start()
+    hessian = energy.hessian(at)
+    for _ in range(3):
+        direction = rng.standard_normal(at.shape)
+        step = 1e-6
+        change = (energy.distortion(at + step * direction)[1] - energy.distortion(at - step * direction)[1]) / (
+            2 * step
+        )
+        # The factorisation solves with the Hessian: what it makes of the change must be the direction.
+        assert np.abs(solved(hessian, change) - direction).max() < 1e-4 * np.abs(direction).max()
+
+
+def test_a_map_is_taken_to_its_minimum():
+    surface, fixed = ring()
+    flat = surface.points[:, :2].copy()
+    # The inner rim is turned against the outer one.
+    inner = fixed & (np.linalg.norm(flat, axis=1) < 30.0)
+    turn = np.array([[np.cos(0.2), -np.sin(0.2)], [np.sin(0.2), np.cos(0.2)]])
+    flat[inner] = flat[inner] @ turn.T
+    low = lower_distortion(flat, surface, ~fixed)
+    scale = np.sqrt(operators.triangle_areas(flat, surface.triangles).sum() / surface.area)
+    rest = rest_shapes(surface.points, surface.triangles, float(scale))
+    energy = PatchEnergy(low, surface.triangles, rest, ~fixed, surface.triangle_areas / surface.triangle_areas.mean())
+    left = solved(energy.hessian(energy.start()), energy.distortion(energy.start())[1])
+    assert np.abs(left).max() < 1e-8 * 50.0
 
 
 def test_the_identity_is_a_minimum():

@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 
 from LAFlatteningLib import Flattener, SeedError, Surface, distortion, flatten, make_phantom
 from LAFlatteningLib.anatomy import LEFT_ATRIUM
-from LAFlatteningLib.flattening.preview import Carrier, coarsened
+from LAFlatteningLib.flattening.coarse import Carrier, coarsened
 
 
 def radii(flat_map, ours, theirs):

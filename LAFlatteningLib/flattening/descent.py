@@ -1,0 +1,120 @@
+"""Lowering a function of the positions of points by quasi-Newton steps."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from ..solvers import Factorisation
+from ..surface import FloatArray
+
+_MEMORY = 8
+"""Pairs of steps that the quasi-Newton method remembers."""
+
+
+def descend(
+    function: Callable[[FloatArray], tuple[float, FloatArray]],
+    variables: FloatArray,
+    reach: float,
+    precondition: Factorisation,
+    steps: int,
+    tolerance: float = 1e-4,
+    still: float = 0.0,
+) -> tuple[FloatArray, int]:
+    """Lower a function by limited-memory quasi-Newton steps started from a preconditioner.
+
+    Nocedal and Wright, Numerical Optimization, algorithm 7.4, with the preconditioner as initial inverse
+    Hessian; steps are halved until the energy falls enough (Armijo). Where the function is infinite
+    for folded maps, no step folds one.
+
+    Parameters
+    ----------
+    function : from variables (v, 2) to its value and its derivative.
+    reach : the farthest that a point may move in one step, `PatchEnergy.reach`.
+    steps : most steps to take.
+    tolerance : stop once a step lowers the function by less than this share of it.
+
+    still : stop once a step moves no point by more than this.
+
+    Returns
+    -------
+    variables : (v, 2).
+    taken : number of steps.
+
+    Raises
+    ------
+    ValueError : the function is infinite at the start.
+    """
+    value, gradient = function(variables)
+    if not np.isfinite(value):
+        raise ValueError("The descent must start from a map without folded triangles.")
+    history: deque[_Pair] = deque(maxlen=_MEMORY)
+    scale = 1.0
+    for step in range(steps):
+        direction = _two_loop(gradient, history, precondition, scale)
+        slope = _dot(direction, gradient)
+        if not slope < 0.0 and history:
+            history.clear()
+            direction = _two_loop(gradient, history, precondition, scale)
+            slope = _dot(direction, gradient)
+        # Also where the numbers overflowed: NaN is not below 0.
+        if not slope < 0.0:
+            return variables, step
+        # Far from the minimum the model of the energy is poor: no point moves farther than a few triangles.
+        length = min(1.0, reach / float(np.abs(direction).max()))
+        while True:
+            trial = variables + length * direction
+            new_value, new_gradient = function(trial)
+            if new_value <= value + 1e-4 * length * slope:
+                break
+            length *= 0.5
+            if not length * float(np.abs(direction).max()) >= 1e-9 * reach:
+                return variables, step
+        s, y = trial - variables, new_gradient - gradient
+        curvature = _dot(s, y)
+        if curvature > 0.0:
+            if not history:
+                # Nocedal and Wright, equation 7.20, in the metric of the preconditioner.
+                scale = curvature / _dot(y, solved(precondition, y))
+            history.append(_Pair(s, y, 1.0 / curvature))
+        small = value - new_value < tolerance * abs(value) or float(np.abs(s).max()) < still
+        variables, value, gradient = trial, new_value, new_gradient
+        if small:
+            return variables, step + 1
+    return variables, steps
+
+
+def solved(precondition: Factorisation, right: FloatArray) -> FloatArray:
+    """For a right side (v, 2) and a matrix of v rows, for each coordinate, or of 2v rows."""
+    if precondition.size == len(right):
+        return precondition.solve(right)
+    return precondition.solve(right.reshape(-1)).reshape(-1, 2)
+
+
+def _dot(a: FloatArray, b: FloatArray) -> float:
+    # Not through BLAS: for vectors of this size its threads cost more than they bring, above all on a busy machine.
+    return float(np.einsum("ij,ij->", a, b))
+
+
+class _Pair(NamedTuple):
+    """A step, the change of the gradient along it, and one over their product."""
+
+    s: FloatArray
+    y: FloatArray
+    inverse: float
+
+
+def _two_loop(gradient: FloatArray, history: deque[_Pair], precondition: Factorisation, scale: float) -> FloatArray:
+    direction = -gradient
+    factors = []
+    for pair in reversed(history):
+        factor = pair.inverse * _dot(pair.s, direction)
+        factors.append(factor)
+        direction = direction - factor * pair.y
+    direction = scale * solved(precondition, direction)
+    for pair, factor in zip(history, reversed(factors), strict=True):
+        direction = direction + (factor - pair.inverse * _dot(pair.y, direction)) * pair.s
+    return direction

@@ -1,0 +1,48 @@
+"""Length along a rim, where the rim is ragged."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .surface import FloatArray
+
+SMOOTHING_MM = 2.5
+"""Rims are smoothed over this length (standard deviation of a Gaussian), before lengths along them are measured."""
+
+
+def rim_lengths(points: FloatArray) -> FloatArray:
+    """Length along a rim from its first point to each of its points and once round, (k + 1,), mm.
+
+    The rim of a segmentation, or of a mesh from which triangles were taken, is a saw: its length depends on the
+    triangles, by a third in places, and a remeshed rim has lost most of it. So the length is that of the rim smoothed
+    over `SMOOTHING_MM`. On a circle, that does not change the share of the rim between two points.
+
+    Parameters
+    ----------
+    points : (k, 3) mm, the closed rim in order, without its first point again.
+
+    Examples
+    --------
+    >>> square = np.array([[0.0, 0, 0], [30, 0, 0], [30, 30, 0], [0, 30, 0]])
+    >>> length = rim_lengths(square)
+    >>> (length / length[-1]).round(6).tolist()
+    [0.0, 0.25, 0.5, 0.75, 1.0]
+    """
+    sides = np.diff(points, axis=0, append=points[:1])
+    length = np.linalg.norm(sides, axis=1)
+    raw = np.concatenate([[0.0], np.cumsum(length)])
+    directions = sides / np.maximum(length, 1e-12)[:, None]
+    # The direction of the rim is constant on each side. Its Fourier coefficients are exact; a Gaussian is a factor on
+    # each, and nothing is left of the higher ones.
+    count = int(np.ceil(8.0 * raw[-1] / (2.0 * np.pi * SMOOTHING_MM)))
+    frequency = 2.0 * np.pi / raw[-1] * np.arange(1, count + 1)
+    steps = np.diff(np.exp(-1j * np.outer(frequency, raw)), axis=1)
+    factor = np.exp(-0.5 * (SMOOTHING_MM * frequency) ** 2) / frequency
+    # (The rim is closed: the mean of its direction is 0.)
+    coefficients = (2j / raw[-1] * factor)[:, None] * (steps @ directions)
+    nodes, weights = np.polynomial.legendre.leggauss(4)
+    at = (raw[:-1, None] + 0.5 * length[:, None] * (1.0 + nodes)).reshape(-1)
+    smoothed = (np.exp(1j * np.outer(at, frequency)) @ coefficients).real
+    along = 0.5 * length * (np.linalg.norm(smoothed, axis=1).reshape(-1, 4) @ weights)
+    # Never without length, so that no two points fall together.
+    return np.concatenate([[0.0], np.cumsum(np.maximum(along, 1e-3 * length))])
