@@ -120,8 +120,8 @@ def write_report(
 
     Examples
     --------
-    >>> section = Section("Gaps", ["None was found."], [Table(["vein", "gap (mm)"], [["RSPV", 0.0]])])
-    >>> "RSPV" in make_html("Patient 7", [section])
+    >>> section = Section("Gaps", ["None was found."], [Table(["vein", "gap (mm)"], [["right superior", 0.0]])])
+    >>> "right superior" in make_html("Patient 7", [section])
     True
     """
     if Path(path).suffix.lower() not in (".html", ".htm"):

@@ -49,16 +49,18 @@ class MitralPlane:
     notes: tuple[str, ...] = ()
 
 
-def mitral_plane(body: Surface, veins: Sequence[FloatArray]) -> MitralPlane:
+def mitral_plane(body: Surface, veins: Sequence[FloatArray], usual: FloatArray | None = None) -> MitralPlane:
     """The plane of the mitral valve.
 
     The axis of the chamber leads from the mean of the vein ostia to the centroid of the body. Where the body is flat at
-    its far end the valve is there; otherwise it lies at right angles to the axis, `BEYOND` the centroid.
+    its far end the valve is there; otherwise it lies at right angles to the axis, `BEYOND` the centroid. Where that
+    meets a vein or the appendage, the direction in which the valve usually lies takes the place of the axis.
 
     Parameters
     ----------
     body : veins and appendage cut off, valve closed; mm.
     veins : (3,) centres of the vein ostia.
+    usual : (3,) unit vector from the middle of the chamber to the valve in the layout of the anatomy, if known.
 
     Raises
     ------
@@ -67,26 +69,36 @@ def mitral_plane(body: Surface, veins: Sequence[FloatArray]) -> MitralPlane:
     Source: Nunez-Garcia et al., with a single share of the length and the centroid of the area instead of the points.
     """
     centre, axis = chamber_axis(body, veins)
+    rims = [body.points[loop] for loop in body.boundary_loops]
+    clear_of = np.concatenate(rims) if rims else np.zeros((0, 3))
     flat = _flat_end(body, centre, axis)
-    rims = np.concatenate([body.points[loop] for loop in body.boundary_loops])
     if flat is not None:
         place, normal = flat
-        section = _clear_section(body, rims, place - FLAT_INSET_MM * normal, normal, 0.0)
+        section = _clear_section(body, clear_of, place - FLAT_INSET_MM * normal, normal, 0.0)
         if section is not None:
             return MitralPlane(CutPlane(section.centre, normal), section.perimeter, "flat")
-    along = (body.points[body.used_points] - centre) @ axis
-    reach = float(along.max()) - BEYOND * float(np.ptp(along)) - STEP_MM
-    section = _clear_section(body, rims, centre + BEYOND * float(np.ptp(along)) * axis, axis, reach)
-    if section is None:
-        raise SurfaceError(
-            "No plane was found that cuts the mitral valve off without meeting a vein or the appendage. Give its plane "
-            "yourself (--planes), or cut the valve open first."
+    for direction in [axis] if usual is None else [axis, usual]:
+        along = (body.points[body.used_points] - centre) @ direction
+        begin = BEYOND * float(np.ptp(along))
+        section = _clear_section(
+            body, clear_of, centre + begin * direction, direction, float(along.max()) - begin - STEP_MM
         )
-    moved = float((section.centre - centre) @ axis) - BEYOND * float(np.ptp(along))
-    notes = []
-    if moved > 0.5 * STEP_MM:
-        notes.append(f"The mitral plane was moved out by {moved:.0f} mm, so that it meets no vein; check it.")
-    return MitralPlane(CutPlane(section.centre, axis), section.perimeter, "rule", tuple(notes))
+        if section is None:
+            continue
+        notes = []
+        moved = float((section.centre - centre) @ direction) - begin
+        if direction is not axis:
+            notes.append(
+                "The plane of the mitral valve by rule would have met a vein or the appendage; it lies where the valve "
+                "usually is instead. Check it."
+            )
+        elif moved > 0.5 * STEP_MM:
+            notes.append(f"The mitral plane was moved out by {moved:.0f} mm, so that it meets no vein; check it.")
+        return MitralPlane(CutPlane(section.centre, direction), section.perimeter, "rule", tuple(notes))
+    raise SurfaceError(
+        "No plane was found that cuts the mitral valve off without meeting a vein or the appendage. Give its plane "
+        "yourself (--planes), or cut the valve open first."
+    )
 
 
 def chamber_axis(body: Surface, veins: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:

@@ -290,7 +290,7 @@ def plan_cuts(
     else:
         named, recognition, candidates = _by_rule(planner, valve)
     try:
-        named, openings = _openings(planner, named, planes, valve, ignore_axes or recognition is not None)
+        named, openings = _openings(planner, named, planes, valve, recognition, ignore_axes)
     except SurfaceError as error:
         if not planner.faint:
             raise
@@ -325,7 +325,8 @@ def _openings(
     named: Mapping[str, _Candidate],
     planes: Mapping[str, CutPlane],
     valve: int | None,
-    directions_known: bool,
+    recognition: Recognition | None,
+    ignore_axes: bool,
 ) -> tuple[dict[str, _Candidate], dict[str, PlannedOpening]]:
     """The candidates with their final ostia, and the openings that they become."""
     anatomy = planner.anatomy
@@ -340,9 +341,9 @@ def _openings(
         hole: _given(planner, planes[hole]) if hole in planes else planner.opening(hole, final[hole])
         for hole in anatomy.holes
     }
-    if not directions_known:
+    if recognition is None and not ignore_axes:
         check_directions({hole: openings[hole].plane.centre for hole in anatomy.holes}, planner.surface.space, anatomy)
-    openings[anatomy.outer] = _valve(planner, openings, planes, valve)
+    openings[anatomy.outer] = _valve(planner, openings, planes, valve, _usual_valve(planner, recognition))
     return final, openings
 
 
@@ -487,8 +488,25 @@ def _given(planner: _Planner, plane: CutPlane) -> PlannedOpening:
     return PlannedOpening(plane, "given", perimeter)
 
 
+def _usual_valve(planner: _Planner, recognition: Recognition | None) -> FloatArray | None:
+    """The direction in which the valve usually lies from the middle of the chamber; None where it is not known."""
+    layout = planner.anatomy.layout
+    if not layout or (recognition is None and planner.space is None):
+        return None
+    direction = np.array(layout[planner.anatomy.outer])
+    if planner.space == "RAS":
+        direction = direction * [-1.0, -1.0, 1.0]
+    if recognition is not None:
+        direction = recognition.rotation @ direction
+    return direction / np.linalg.norm(direction)
+
+
 def _valve(
-    planner: _Planner, openings: Mapping[str, PlannedOpening], planes: Mapping[str, CutPlane], valve: int | None
+    planner: _Planner,
+    openings: Mapping[str, PlannedOpening],
+    planes: Mapping[str, CutPlane],
+    valve: int | None,
+    usual: FloatArray | None,
 ) -> PlannedOpening:
     """The opening of the valve: open, given or by rule."""
     anatomy = planner.anatomy
@@ -523,7 +541,7 @@ def _valve(
                 "veins that part well before their ends. Segment them farther out, or give their planes (--planes)."
             ) from error
         done.append(hole)
-    found = mitral_plane(body, veins)
+    found = mitral_plane(body, veins, usual)
     planner.notes += found.notes
     return PlannedOpening(found.plane, found.found_by, found.perimeter_mm)
 

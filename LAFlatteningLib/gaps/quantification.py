@@ -215,8 +215,8 @@ def find_gaps(
     >>> from LAFlatteningLib import flatten, make_phantom
     >>> phantom = make_phantom(3000)
     >>> found = find_gaps(flatten(phantom.surface, phantom.seeds), "scar", [0.5])
-    >>> sorted(name for name, ring in found.at(0.5).items() if ring.complete)
-    ['RIPV']
+    >>> sum(ring.complete for ring in found.at(0.5).values())
+    1
     """
     data = MapData.of(flat_map)
     levels = _check_thresholds(thresholds)

@@ -240,8 +240,8 @@ def test_the_same_openings_in_ras_and_turned_by_15_degrees(closed, prepared):
     ras = replace(closed.surface, points=closed.surface.points * [-1, -1, 1], space="RAS")
     for name, opening in prepare(ras, AS_IT_IS).plan.openings.items():
         assert np.linalg.norm(opening.plane.centre * [-1, -1, 1] - prepared.plan.openings[name].plane.centre) < 1.5
-    turn = Rotation.from_euler("y", 15, degrees=True)
-    turned = replace(closed.surface, points=turn.apply(closed.surface.points))
+    turn = Rotation.from_euler("y", -15, degrees=True)
+    turned = replace(closed.surface, points=turn.apply(np.array(closed.surface.points)))
     for name, opening in prepare(turned, AS_IT_IS).plan.openings.items():
         assert np.linalg.norm(turn.inv().apply(opening.plane.centre) - prepared.plan.openings[name].plane.centre) < 1.5
 
@@ -316,7 +316,8 @@ def test_label_maps_give_the_same_map_at_any_spacing_and_with_noise():
     for other in maps[1:]:
         near = closest_points(first.surface, other.surface.points)
         flat = (first.points[first.surface.triangles[near.triangle]] * near.weights[:, :, None]).sum(axis=1)
-        on_both = near.distance_mm < 1.5
+        # Noise moves the wall outwards by up to a millimetre; far points belong to veins or valve cut elsewhere.
+        on_both = near.distance_mm < 3.0
         assert on_both.mean() > 0.9
         assert np.median(np.linalg.norm(flat - other.points, axis=1)[on_both]) / 0.5 < 0.03
 
@@ -436,6 +437,20 @@ def test_published_cuts(data_dir, case, surface, with_tips):
         clipped = read_surface(folder / "clipped_veins_mitral.vtp")
         theirs = max(map(clipped.loop_length, clipped.boundary_loops))
     assert result.cavity.loop_length(result.rims["MV"]) == pytest.approx(theirs, rel=0.15)
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+@pytest.mark.parametrize("degrees", [15, -15])
+def test_a_real_atrium_turned_by_15_degrees(data_dir, axis, degrees):
+    from scipy.spatial.transform import Rotation
+
+    surface = read_surface(data_dir / "pvi_gap" / "surface.vtp")
+    turn = Rotation.from_euler(axis, degrees, degrees=True)
+    turned = replace(surface, points=turn.apply(np.array(surface.points)))
+    straight, result = prepare(surface, AS_IT_IS), prepare(turned, AS_IT_IS)
+    for name, opening in result.plan.openings.items():
+        apart = turn.inv().apply(opening.plane.centre) - straight.plan.openings[name].plane.centre
+        assert np.linalg.norm(apart) < 3.0, name
 
 
 def test_names_agree_with_tags(data_dir):

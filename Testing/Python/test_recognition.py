@@ -36,10 +36,14 @@ def test_names_are_found_in_patient_axes_and_without(seed):
 
 @pytest.mark.parametrize("axis", range(3))
 def test_mirrored_atria_are_refused(axis):
-    directions, _ = disturbed(axis)
+    directions, truth = disturbed(axis)
     mirrored = directions * np.where(np.arange(3) == axis, -1.0, 1.0)
-    with pytest.raises(SurfaceError):
-        recognise(mirrored, [20.0] * 5, LEFT_ATRIUM)
+    if axis == 1:
+        # Front to back, appendage and left inferior vein change places; the widths of the tubes tell (`plan_cuts`).
+        assert recognise(mirrored, [20.0] * 5, LEFT_ATRIUM).mirrored == truth
+    else:
+        with pytest.raises(SurfaceError):
+            recognise(mirrored, [20.0] * 5, LEFT_ATRIUM)
     with pytest.raises(SurfaceError, match="mirror image"):
         recognise(Rotation.random(random_state=axis).apply(mirrored), [20.0] * 5, LEFT_ATRIUM, None)
 
