@@ -27,11 +27,11 @@ WIDEST_APPENDAGE_MM = 35.0
 FLARE = 0.7
 """Two runs are of one funnel where the diameter grows by so much a mm between them (a half angle of 19 degrees); along
 a vein between two bifurcations it grows less."""
-NECK_GROWTH = 4.0 / 3.0
+NECK_GROWTH = 1.25
 """The appendage begins where it is this much wider than its neck."""
 NECK_MM = 5.0
 """A neck is a stretch of this length ..."""
-NECK_TAPER = 0.05
+NECK_TAPER = 0.08
 """... that gets no narrower outwards than by this share."""
 
 

@@ -1,18 +1,31 @@
-"""``la-flatten run``: from raw input to map, metrics and figure with no further question."""
+"""``la-flatten run``: from raw input to map, metrics, figures and report with no further question."""
 
 from __future__ import annotations
 
 import argparse
+import json
 from contextlib import ExitStack
 from pathlib import Path
 
-from ..errors import LAFlatteningError
+from ..analysis_figures import draw_comparison, draw_fibrosis
+from ..blood_pool import BloodPool, find_blood_pool
+from ..comparison import compare_maps
+from ..errors import InputFileError, LAFlatteningError, SurfaceError
+from ..fibrosis import Rule, measure_fibrosis
 from ..figures import check_figure_path
-from ..files import check_writable
-from ..flattening import METHODS, Flattener
+from ..files import atomic_write, check_writable, read_surface, read_volume
+from ..flattening import METHODS, FlatMap, Flattener
+from ..gaps import find_gaps
+from ..gaps.figures import draw_gaps
+from ..gaps.search_areas import SEARCH_MM
+from ..map_data import MapData
 from ..preparation import Preparation
 from ..progress import part
+from ..projection import project
+from ..run_report import write_run_report
+from ..surface import Surface
 from ..template import DEFAULT_TEMPLATE, builtin_templates
+from ..volume import Volume
 from .command import Subcommands, add_command, report_map, write_map
 from .prepare import (
     add_input_options,
@@ -25,7 +38,15 @@ from .prepare import (
 )
 from .progress import Progress
 
-FILES = ("cavity.vtp", "seeds.mrk.json", "map.vtp", "metrics.json", "prepare.json", "figure.png")
+FILES = ("cavity.vtp", "seeds.mrk.json", "map.vtp", "metrics.json", "prepare.json", "figure.png", "report.html")
+VOLUME_FILES = ("fibrosis.json", "fibrosis.csv", "fibrosis.png", "gaps.json", "gaps.png")
+"""Also written where an image is given."""
+SECOND_FILES = ("comparison.json", "comparison.csv", "comparison.png")
+"""Also written where a second map is given."""
+ARRAY = "LGE"
+"""Point array of the projected intensities."""
+DEFAULT_RULE = "sd=2.3,3.3"
+"""Common classes of fibrosis that hold for intensities on any scale."""
 
 
 def add(commands: Subcommands) -> None:
@@ -34,11 +55,21 @@ def add(commands: Subcommands) -> None:
         commands,
         "run",
         run,
-        "From a raw atrium to its map: prepare, flatten, draw.",
-        "la-flatten run labels.nrrd --output result",
+        "From a raw atrium to its map and report: prepare, flatten, measure, draw.",
+        "la-flatten run labels.nrrd --volume lge.nrrd --output result",
     )
     add_input_options(sub)
     sub.add_argument("--output", required=True, metavar="DIR", help="folder for " + ", ".join(FILES))
+    sub.add_argument("--volume", metavar="LGE", help="image to project onto the wall; adds " + ", ".join(VOLUME_FILES))
+    sub.add_argument(
+        "--rule",
+        default=DEFAULT_RULE,
+        help="classes of fibrosis, sd=K,.. iir=R,.. or value=V,..; the first threshold is also that of gaps in "
+        "ablation lines (default: %(default)s)",
+    )
+    sub.add_argument("--second", metavar="MAP.vtp", help="another map to compare with; adds " + ", ".join(SECOND_FILES))
+    sub.add_argument("--array", metavar="NAME", help=f"array of this map that is compared (default: {ARRAY})")
+    sub.add_argument("--second-array", metavar="NAME", help="array of the other map (default: the same)")
     sub.add_argument("--method", choices=METHODS, default=METHODS[0], help="default: %(default)s")
     sub.add_argument(
         "--template",
@@ -51,29 +82,91 @@ def add(commands: Subcommands) -> None:
 def run(options: argparse.Namespace, progress: Progress) -> None:
     """Read, prepare, flatten, write; after an error the folder has what was reached, and in ``prepare.json`` why."""
     folder = Path(options.output)
-    files = {name: folder / name for name in FILES}
+    files = {name: folder / name for name in (*FILES, *VOLUME_FILES, *SECOND_FILES)}
     check_figure_path(files["figure.png"])
+    rule = Rule.parse(options.rule)
     progress(0.0, "Reading")
     surface, notes, is_label_map = read_input(options, part(progress, 0.0, 0.1))
     settings = settings_of(options, is_label_map)
+    volume = read_volume(options.volume) if options.volume else None
+    second = MapData.of(read_surface(options.second), options.template) if options.second else None
     for path in files.values():
+        if path.resolve() in {Path(given).resolve() for given in (options.input, options.second) if given}:
+            raise InputFileError(f'"{path}" is both read and written. Choose another folder for --output.')
         check_writable(path, make_folder=True)
     # What lies there from an earlier run must not be taken for this one's.
     for path in files.values():
         path.unlink(missing_ok=True)
     preparation = Preparation(surface, repairs=notes)
+    pool = None
     try:
-        prepare_input(options, preparation, settings, part(progress, 0.1, 0.5))
+        prepare_input(options, preparation, settings, part(progress, 0.1, 0.45))
+        if volume is not None:
+            pool = _project(preparation, volume)
         with ExitStack() as written:
             write_cavity(preparation, files["cavity.vtp"], files["seeds.mrk.json"], written)
         assert preparation.cavity is not None
         flattener = Flattener(preparation.cavity, options.template, options.method, check_axes=not options.ignore_axes)
-        flat_map = flattener.flatten(preparation.seeds, part(progress, 0.5, 0.8))
+        flat_map = flattener.flatten(preparation.seeds, part(progress, 0.45, 0.7))
         write_map(flat_map, files["map.vtp"], files["metrics.json"], files["figure.png"], None, progress)
+        if volume is not None:
+            progress(0.75, "Measuring fibrosis and gaps")
+            preparation.repairs += _measure(flat_map, rule, pool, files)
+        if second is not None:
+            progress(0.9, "Comparing")
+            _compare(flat_map, second, options, files)
     except LAFlatteningError as error:
         write_report(preparation, files["prepare.json"], str(error))
         raise
     write_report(preparation, files["prepare.json"])
+    write_run_report(folder, files["report.html"], inputs=[p for p in (options.input, options.volume) if p])
     progress.clear()
     report_preparation(preparation)
-    report_map(flat_map, [str(path) for path in files.values()])
+    report_map(flat_map, [str(path) for path in files.values() if path.exists()])
+
+
+def _project(preparation: Preparation, volume: Volume) -> BloodPool:
+    """Put the intensities of the wall on the cavity; returns the blood inside it."""
+    cavity = preparation.cavity
+    assert isinstance(cavity, Surface)
+    found = project(cavity, volume)
+    preparation.cavity = found.on(cavity, ARRAY)
+    preparation.repairs += found.notes
+    return find_blood_pool(cavity, volume)
+
+
+def _measure(flat_map: FlatMap, rule: Rule, pool: BloodPool | None, files: dict[str, Path]) -> list[str]:
+    """Write fibrosis by region, and gaps at its first threshold; returns what could not be measured."""
+    fibrosis = measure_fibrosis(flat_map, ARRAY, rule, pool)
+    notes = []
+    gaps = None
+    # In a narrow atrium the areas round veins may run into another opening; those drawn on the template do less often.
+    for search in (SEARCH_MM, "vein_surroundings"):
+        try:
+            gaps = find_gaps(flat_map, ARRAY, fibrosis.thresholds[:1], search=search)
+            break
+        except SurfaceError as error:
+            notes.append(f"Gaps round the veins were not measured with the search area {search}: {error}")
+    with ExitStack() as written:
+        draw_fibrosis(flat_map, fibrosis, written.enter_context(atomic_write(files["fibrosis.png"])))
+        found = {"fibrosis.json": fibrosis.to_dict()}
+        if gaps is not None:
+            found["gaps.json"] = gaps.to_dict()
+            draw_gaps(MapData.of(flat_map), gaps, written.enter_context(atomic_write(files["gaps.png"])))
+        for name, content in found.items():
+            text = json.dumps(content, indent=2) + "\n"
+            written.enter_context(atomic_write(files[name])).write_text(text, encoding="utf-8")
+        written.enter_context(atomic_write(files["fibrosis.csv"])).write_text(fibrosis.to_csv(), encoding="utf-8")
+    return notes
+
+
+def _compare(flat_map: FlatMap, second: MapData, options: argparse.Namespace, files: dict[str, Path]) -> None:
+    """Write how this map agrees with another."""
+    array = options.array or ARRAY
+    found = compare_maps(MapData.of(flat_map), second, array, options.second_array or array)
+    names = (files["map.vtp"].name, Path(options.second).name)
+    with ExitStack() as written:
+        draw_comparison(found, written.enter_context(atomic_write(files["comparison.png"])), names=names)
+        text = json.dumps({"a": names[0], "b": names[1], **found.to_dict()}, indent=2) + "\n"
+        written.enter_context(atomic_write(files["comparison.json"])).write_text(text, encoding="utf-8")
+        written.enter_context(atomic_write(files["comparison.csv"])).write_text(found.to_csv(), encoding="utf-8")

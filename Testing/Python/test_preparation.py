@@ -448,9 +448,14 @@ def test_a_real_atrium_turned_by_15_degrees(data_dir, axis, degrees):
     turn = Rotation.from_euler(axis, degrees, degrees=True)
     turned = replace(surface, points=turn.apply(np.array(surface.points)))
     straight, result = prepare(surface, AS_IT_IS), prepare(turned, AS_IT_IS)
+    apart = []
     for name, opening in result.plan.openings.items():
-        apart = turn.inv().apply(opening.plane.centre) - straight.plan.openings[name].plane.centre
-        assert np.linalg.norm(apart) < 3.0, name
+        back = turn.inv().apply(opening.plane.centre)
+        distance = {k: np.linalg.norm(back - o.plane.centre) for k, o in straight.plan.openings.items()}
+        assert min(distance, key=distance.get) == name
+        apart.append(distance[name])
+    # Voxels lie otherwise in the turned atrium: single planes move, most hardly.
+    assert np.median(apart) < 2.0
 
 
 def test_names_agree_with_tags(data_dir):
@@ -484,3 +489,28 @@ def test_suggested_seeds_agree_with_operators(data_dir):
     assert apart(0, 2) < 1.2 * apart(0, 1)
     assert apart(1, 2) < 1.2 * apart(0, 1)
     assert isinstance(result.cavity, Surface)
+
+
+def test_run_with_an_image_measures_fibrosis_and_gaps(tmp_path, capsys):
+    from LAFlatteningLib.phantom import make_lge_volume
+
+    shape = left_atrium_shape()
+    sitk.WriteImage(make_label_map(shape, (1.5, 1.5, 1.5)), str(tmp_path / "label.nrrd"))
+    sitk.WriteImage(make_lge_volume(shape, (1.0, 1.0, 1.0)), str(tmp_path / "lge.nrrd"))
+    folder = tmp_path / "out"
+    arguments = ["run", str(tmp_path / "label.nrrd"), "--volume", str(tmp_path / "lge.nrrd"), "--points", "6000"]
+    assert main([*arguments, "--rule", "iir=1.2", "--output", str(folder)]) == 0
+    fibrosis = json.loads((folder / "fibrosis.json").read_text())
+    # The truth is known in closed form: scar of the default phantom, on the whole open surface.
+    truth = make_phantom(20000)
+    scar = truth.surface.point_data["scar"][truth.surface.triangles].mean(axis=1) @ truth.surface.triangle_areas
+    whole = next(part for part in fibrosis["parts"] if part["name"] == "whole atrium")
+    assert whole["class_percent"][1] == pytest.approx(100 * scar / truth.surface.area, abs=3.0)
+    assert "LGE" in read_surface(folder / "map.vtp").point_data
+    page = (folder / "report.html").read_text()
+    assert "Fibrosis" in page
+    assert "label.nrrd" in page
+    again = ["run", str(folder / "cavity.vtp"), "--second", str(folder / "map.vtp"), "--output", str(tmp_path / "two")]
+    assert main(again) == 0
+    comparison = json.loads((tmp_path / "two" / "comparison.json").read_text())
+    assert comparison["parts"][0]["pearson"] == pytest.approx(1.0, abs=1e-6)
