@@ -14,7 +14,7 @@ from LAFlatteningLib.phantom import left_atrium_shape
 from LAFlatteningLib.phantom.labels import make_label_map
 
 POINTS = 3000
-SPACING = (1.0, 1.0, 1.5)
+SPACING = (0.625, 0.625, 1.25)
 
 
 @functools.cache

@@ -37,6 +37,7 @@ from LAFlatteningLib import LEFT_ATRIUM, Cancelled, LAFlatteningError, Surface
 from LAFlatteningLib.cavity.clipping import CutPlane
 
 CHOICE = RawChoice(points=POINTS)
+SHIFT = np.array((10.0, -20.0, 30.0))
 
 
 class PrepareCase(LogicCase):
@@ -88,12 +89,10 @@ class SuggestTest(PrepareCase):
     def test_aTransformOfTheAtriumCounts(self):
         first = {name: planeOf(node) for name, node in self.logic.suggestParameters(self.p).items()}
         shift = vtk.vtkTransform()
-        shift.Translate(10.0, -20.0, 30.0)
+        shift.Translate(*SHIFT)
         addTransform(self.raw, shift)
         for name, node in self.logic.suggestParameters(self.p).items():
-            np.testing.assert_allclose(
-                planeOf(node).centre, first[name].centre + np.array((10.0, -20.0, 30.0)), atol=0.5
-            )
+            np.testing.assert_allclose(planeOf(node).centre, first[name].centre + SHIFT, atol=0.5)
 
     def test_lengthsAreThoseAsked(self):
         first = {name: planeOf(node) for name, node in self.logic.suggestParameters(self.p).items()}
@@ -324,12 +323,10 @@ class SegmentationTest(PrepareCase):
         node = addSegmentation()
         first = {name: planeOf(plane) for name, plane in self.logic.prepareSuggest(node, CHOICE).items()}
         shift = vtk.vtkTransform()
-        shift.Translate(10.0, -20.0, 30.0)
+        shift.Translate(*SHIFT)
         addTransform(node, shift)
         for name, plane in self.logic.prepareSuggest(node, CHOICE).items():
-            np.testing.assert_allclose(
-                planeOf(plane).centre, first[name].centre + np.array((10.0, -20.0, 30.0)), atol=0.5
-            )
+            np.testing.assert_allclose(planeOf(plane).centre, first[name].centre + SHIFT, atol=0.5)
 
 
 class SceneTest(PrepareCase):
