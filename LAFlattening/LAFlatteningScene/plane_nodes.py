@@ -8,13 +8,21 @@ from collections.abc import Mapping
 import numpy as np
 import slicer
 
+from LAFlatteningLib import LEFT_ATRIUM, Surface
 from LAFlatteningLib.cavity.clipping import CutPlane
 from LAFlatteningLib.cavity.plan import PlannedOpening
+from LAFlatteningLib.cavity.sections import plane_section
 
 INPUT_ROLE = "LAFlattening.input"
 """Node reference from planes, and from a cavity, to what is prepared."""
 OPENING, SUGGESTED = "LAFlattening.opening", "LAFlattening.suggested"
 """Attributes of a plane: the name of its opening, and what was suggested (JSON: centre, normal, found_by ...)."""
+BY_HAND = "hand"
+"""How a plane was found that the user puts into place."""
+ROUGH_SHARE = 0.75
+"""A plane to be put into place by hand begins at this share of the way from the middle of the atrium outwards."""
+ROUGH_DEGREES = 25.0
+"""The atrium reaches as far in a direction as it does within this angle of it."""
 SAME_MM = 1e-3
 """A plane nearer than this to another is that one: files hold fewer digits than memory."""
 GOOD_COLOUR, BAD_COLOUR = (0.1, 0.75, 0.35), (0.9, 0.1, 0.1)
@@ -69,6 +77,26 @@ def showPlanes(inputNode: slicer.vtkMRMLNode, openings: Mapping[str, PlannedOpen
             node.SetNthControlPointLabel(0, name)
     setEditable(planes, True)
     return planes
+
+
+def roughOpenings(surface: Surface) -> dict[str, PlannedOpening]:
+    """A plane for each opening in the direction in which it lies in most atria; RAS, mm."""
+    corners = surface.points[surface.triangles].mean(axis=1)
+    middle = np.average(corners, axis=0, weights=surface.triangle_areas)
+    apart = corners - middle
+    distance = np.linalg.norm(apart, axis=1)
+    openings = {}
+    for name, direction in LEFT_ATRIUM.layout.items():
+        out = np.array(direction) * (-1.0, -1.0, 1.0)
+        out /= np.linalg.norm(out)
+        near = apart @ out > np.cos(np.radians(ROUGH_DEGREES)) * distance
+        reach = float(distance[near].max()) if near.any() else float(np.median(distance))
+        plane = CutPlane(middle + ROUGH_SHARE * reach * out, out)
+        section = plane_section(surface, plane.centre, out)
+        if section is not None and section.around:
+            plane = CutPlane(section.centre, out)
+        openings[name] = PlannedOpening(plane, BY_HAND, section.perimeter if section is not None else float("nan"))
+    return openings
 
 
 def planeOf(node: PlaneNode) -> CutPlane:

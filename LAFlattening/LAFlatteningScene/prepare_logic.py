@@ -23,12 +23,14 @@ from .display_link import followColours
 from .linked_views import belongingsOf
 from .map_nodes import NOTES, groupNodes, mapsOf
 from .plane_nodes import (
+    BY_HAND,
     INPUT_ROLE,
     PlaneNode,
     isMoved,
     isPlaced,
     planeOf,
     planesOf,
+    roughOpenings,
     samePlane,
     setEditable,
     setPlane,
@@ -131,6 +133,15 @@ class PrepareLogic:
         prepared = self._prepare(inputNode, choice, progress)
         return showPlanes(inputNode, prepared.plan.openings)
 
+    def preparePlanes(self, inputNode: RawNode | None, choice: RawChoice = RawChoice()) -> dict[str, PlaneNode]:
+        """Show a plane for each opening roughly where it is in most atria, to be moved by hand.
+
+        For an atrium whose openings `prepareSuggest` does not find. Returns and errors as for it.
+        """
+        with self._working(inputNode, None):
+            surface, _ = rawSurface(inputNode, choice.structure)
+        return showPlanes(inputNode, roughOpenings(surface))
+
     def prepareApply(
         self, inputNode: RawNode | None, choice: RawChoice = RawChoice(), progress: ProgressCallback | None = None
     ) -> tuple[ModelNode, FiducialNode]:
@@ -152,19 +163,11 @@ class PrepareLogic:
         missing = [name for name in LEFT_ATRIUM.openings if name not in planes or not isPlaced(planes[name])]
         if missing:
             raise SurfaceError(f"The plane of {' and '.join(missing)} was deleted. Press Suggest to get it back.")
-        prepared = self._prepare(inputNode, choice, part(progress, 0.0, 0.7))
         given = _outwards({name: planeOf(node) for name, node in planes.items()})
-        moved = {
-            name: PlannedOpening(plane, "given", float("nan"))
-            for name, plane in given.items()
-            if not samePlane(plane, prepared.plan.openings[name].plane)
-        }
-        if moved or prepared.cavity is None or not prepared.seeds:
-            plan = replace(prepared.plan, openings={**prepared.plan.openings, **moved})
-            own = replace(prepared, plan=plan, cavity=None, rims={}, seeds={}, seconds={})
-            with self._working(inputNode, part(progress, 0.7, 1.0)) as watch:
-                apply_plan(own, choice.settings(), LEFT_ATRIUM, watch)
-            prepared = own
+        if any(suggestedOf(node)[1] == BY_HAND for node in planes.values()):
+            prepared = self._prepareByHand(inputNode, choice, given, progress)
+        else:
+            prepared = self._prepareMoved(inputNode, choice, given, progress)
         cavity, seeds = _writeCavity(inputNode, prepared)
         setEditable(planes, False)
         return cavity, seeds
@@ -227,6 +230,10 @@ class PrepareLogic:
         # Another atrium gets another map.
         p.surface, p.seeds, p.map = cavity, seeds, None
         return cavity, seeds
+
+    def planesParameters(self, parameterNode: LAFlatteningParameterNode) -> dict[str, PlaneNode]:
+        """`preparePlanes` with what the panel says."""
+        return self.preparePlanes(parameterNode.prepareInput, self.rawChoiceFrom(parameterNode))
 
     def undoPrepareParameters(self, parameterNode: LAFlatteningParameterNode) -> str:
         """`prepareUndo` with what the panel says; what was chosen before the cavity is chosen again."""
@@ -302,6 +309,42 @@ class PrepareLogic:
                 prepared.repairs.append(str(error))
         self._prepared = (key, prepared)
         return prepared
+
+    def _prepareMoved(
+        self,
+        inputNode: RawNode,
+        choice: RawChoice,
+        planes: Mapping[str, CutPlane],
+        progress: ProgressCallback | None,
+    ) -> Preparation:
+        """The atrium cut as suggested, but for planes that were moved since."""
+        prepared = self._prepare(inputNode, choice, part(progress, 0.0, 0.7))
+        moved = {
+            name: PlannedOpening(plane, "given", float("nan"))
+            for name, plane in planes.items()
+            if not samePlane(plane, prepared.plan.openings[name].plane)
+        }
+        if not moved and prepared.cavity is not None and prepared.seeds:
+            return prepared
+        plan = replace(prepared.plan, openings={**prepared.plan.openings, **moved})
+        own = replace(prepared, plan=plan, cavity=None, rims={}, seeds={}, seconds={})
+        with self._working(inputNode, part(progress, 0.7, 1.0)) as watch:
+            apply_plan(own, choice.settings(), LEFT_ATRIUM, watch)
+        return own
+
+    def _prepareByHand(
+        self,
+        inputNode: RawNode,
+        choice: RawChoice,
+        planes: Mapping[str, CutPlane],
+        progress: ProgressCallback | None,
+    ) -> Preparation:
+        """The atrium cut in planes of the user only."""
+        with self._working(inputNode, progress) as watch:
+            report(watch, 0.0, "Reading the atrium")
+            raw, notes = rawSurface(inputNode, choice.structure, part(watch, 0.0, 0.2))
+            prepared = Preparation(raw, repairs=notes)
+            return prepare(raw, choice.settings(), planes=planes, into=prepared, progress=part(watch, 0.2, 1.0))
 
     @contextmanager
     def _working(self, inputNode: RawNode | None, progress: ProgressCallback | None) -> Iterator[ProgressCallback]:

@@ -24,6 +24,7 @@ class PrepareSection(Section):
         self.structures: dict[str, str] = {}
         self.seen: tuple[object, ...] = ()
         self.ui.suggestButton.connect("clicked()", self.suggest)
+        self.ui.byHandButton.connect("clicked()", self.placeByHand)
         self.ui.applyButton.connect("clicked()", self.apply)
         self.ui.prepareUndoButton.connect("clicked()", self.undo)
         self.ui.structureSelector.connect("activated(int)", self.chooseStructure)
@@ -38,6 +39,17 @@ class PrepareSection(Section):
             self.chosen = None
             self._showNotes()
             self.panel.showLayout()
+
+    def placeByHand(self) -> None:
+        """Show planes for the user to put into place."""
+        with errorsShownIn(self.ui.prepareMessage, _("No planes could be shown.")):
+            self.logic.planesParameters(self.parameters)
+            showMessage(
+                self.ui.prepareMessage,
+                _("Choose an opening in the table and move its plane to where it is cut, for all six; then Apply."),
+            )
+            self.panel.showLayout()
+        self.panel.update()
 
     def apply(self) -> None:
         """Cut the atrium in its planes, and choose what comes of it."""
@@ -94,6 +106,7 @@ class PrepareSection(Section):
             if p.prepareInput is not None
             else _("Choose what to prepare first.")
         )
+        self.ui.byHandButton.enabled = p.prepareInput is not None and cavity is None and idle
         self.ui.applyButton.enabled = editable and idle
         self.ui.applyButton.toolTip = (
             _("Cut the atrium in the planes as they are now, and place nine seeds. The atrium itself is kept.")
@@ -165,6 +178,7 @@ class PrepareSection(Section):
             "open": _("open already"),
             "flat": _("flat valve"),
             "rule": _("valve by rule"),
+            "hand": _("roughly: move it"),
         }
         text = texts.get(foundBy, foundBy)
         return _("{how}, {length} mm stay").format(how=text, length=f"{kept:.1f}") if kept is not None else text

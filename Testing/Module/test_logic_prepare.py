@@ -11,6 +11,7 @@ from LAFlatteningScene.cut_preview import CutPreview
 from LAFlatteningScene.live_update import SHORTEST_PAUSE
 from LAFlatteningScene.plane_nodes import planeOf, planesOf, setPlane
 from LAFlatteningScene.prepare_logic import RawChoice
+from LAFlatteningScene.raw_input import rawSurface, versionOf
 from logic_case import (
     Clock,
     LogicCase,
@@ -29,6 +30,7 @@ from prepare_case import (
     addLabelMap,
     addSegmentation,
     addSphere,
+    closedPhantom,
     labelVoxels,
     truth,
 )
@@ -287,13 +289,44 @@ class RefusalTest(PrepareCase):
         self.refused(self.raw, ".")
 
 
-class SegmentationTest(PrepareCase):
-    def compare(self, node, **choice):
-        planes = self.logic.prepareSuggest(node, RawChoice(points=POINTS, **choice))
-        for name, (middle, axis) in truth().items():
-            plane = planeOf(planes[name])
-            self.assertLess(abs((plane.centre - middle) @ axis), 3.0, name)
-            self.assertGreater(plane.normal @ axis, np.cos(np.radians(15.0)), name)
+class ByHandTest(PrepareCase):
+    def test_planesAreOnTheAtriumAndInTheRightDirections(self):
+        planes = self.logic.planesParameters(self.p)
+        middle = points(self.raw).mean(axis=0)
+        for name, (place, _axis) in truth().items():
+            there, rough = place - middle, planeOf(planes[name]).centre - middle
+            cosine = (there @ rough) / np.linalg.norm(there) / np.linalg.norm(rough)
+            self.assertGreater(cosine, np.cos(np.radians(60.0)), name)
+
+    def test_cutWhereTheyWerePut(self):
+        planes = self.logic.planesParameters(self.p)
+        for name, (place, axis) in truth().items():
+            setPlane(planes[name], CutPlane(place, axis))
+        cavity, seeds = self.logic.applyParameters(self.p)
+        shape = phantom().shape
+        expected = sorted(2.0 * np.pi * opening.rim[0] for opening in shape.openings.values())
+        np.testing.assert_allclose(sorted(self.rims(cavity)[0]), expected, rtol=0.03)
+        self.assertEqual(seeds.GetNumberOfDefinedControlPoints(), 9)
+
+    def test_swappedPlanesAreRefused(self):
+        planes = self.logic.planesParameters(self.p)
+        swapped = {"RSPV": "LSPV", "LSPV": "RSPV", "RIPV": "LIPV", "LIPV": "RIPV"}
+        for name, node in planes.items():
+            setPlane(node, CutPlane(*truth()[swapped.get(name, name)]))
+        with self.assertRaises(LAFlatteningError):
+            self.logic.applyParameters(self.p)
+        self.assertIsNone(self.p.surface)
+
+
+class InputTest(PrepareCase):
+    """Segments and label maps, against the analytic shape that they were made of."""
+
+    def compare(self, node, structure="", shift=0.0):
+        surface, _ = rawSurface(node, structure)
+        self.assertEqual((surface.space, len(surface.boundary_loops)), ("RAS", 0))
+        off = np.abs(closedPhantom().shape.signed_distance(toRas(surface.points - shift)))
+        self.assertLess(np.quantile(off, 0.95), 0.4)
+        self.assertGreater(surface.enclosed_volume, 0.0)
 
     def test_segment(self):
         self.compare(addSegmentation())
@@ -303,7 +336,7 @@ class SegmentationTest(PrepareCase):
         node = addSegmentation({"other": ~voxels, "left atrium": voxels})
         structures = self.logic.structures(node)
         self.assertEqual(list(structures.values()), ["other", "left atrium"])
-        self.compare(node, structure=list(structures)[1])
+        self.compare(node, list(structures)[1])
 
     def test_segmentOfAClosedSurface(self):
         node = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLSegmentationNode", "Segmentation")
@@ -317,16 +350,34 @@ class SegmentationTest(PrepareCase):
         values[:2, :2, :2] = 7
         node = addLabelMap(values)
         self.assertEqual(list(self.logic.structures(node)), ["3", "7"])
-        self.compare(node, structure="3")
+        self.compare(node, "3")
 
-    def test_segmentUnderATransform(self):
+    def test_underATransform(self):
         node = addSegmentation()
-        first = {name: planeOf(plane) for name, plane in self.logic.prepareSuggest(node, CHOICE).items()}
         shift = vtk.vtkTransform()
         shift.Translate(*SHIFT)
         addTransform(node, shift)
-        for name, plane in self.logic.prepareSuggest(node, CHOICE).items():
-            np.testing.assert_allclose(planeOf(plane).centre, first[name].centre + SHIFT, atol=0.5)
+        self.compare(node, shift=SHIFT)
+
+    def test_aChangedSegmentIsReadAnew(self):
+        node = addSegmentation()
+        key = node.GetSegmentation().GetSegmentIDs()[0]
+        before = versionOf(node)
+        self.assertEqual(versionOf(node), before)
+        slicer.util.updateSegmentBinaryLabelmapFromArray(np.ones((9, 9, 9), np.uint8), node, key)
+        self.assertNotEqual(versionOf(node), before)
+
+    def test_segmentIsCutInPlanesByHand(self):
+        node = addSegmentation()
+        before = slicer.util.arrayFromSegmentInternalBinaryLabelmap(node, node.GetSegmentation().GetSegmentIDs()[0])
+        before = before.copy()
+        for name, plane in self.logic.preparePlanes(node, CHOICE).items():
+            setPlane(plane, CutPlane(*truth()[name]))
+        cavity, seeds = self.logic.prepareApply(node, CHOICE)
+        self.assertEqual(len(self.rims(cavity)[0]), 6)
+        self.logic.flatten(cavity, seeds)
+        after = slicer.util.arrayFromSegmentInternalBinaryLabelmap(node, node.GetSegmentation().GetSegmentIDs()[0])
+        np.testing.assert_array_equal(before, after)
 
 
 class SceneTest(PrepareCase):

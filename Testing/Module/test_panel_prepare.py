@@ -184,7 +184,7 @@ class TestInputs(PreparePanelCase):
         self.ui.structureSelector.currentIndex = 1
         self.panel.prepare.chooseStructure(1)
         self.assertEqual(self.parameters.prepareStructure, list(self.panel.logic.structures(node))[1])
-        self.ui.suggestButton.click()
+        self.ui.byHandButton.click()
         self.assertEqual(len(planesOf(node)), 6, self.ui.prepareMessage.text)
 
     def test_a_closed_model_unfolds_the_section_and_is_proposed(self):
