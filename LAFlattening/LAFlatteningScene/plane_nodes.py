@@ -170,5 +170,7 @@ def _prepareDisplay(display: slicer.vtkMRMLMarkupsPlaneDisplayNode) -> None:
     display.SetUseGlyphScale(False)
     display.SetGlyphSize(3.0)
     # A plane is moved and turned; its size is only how much of it is shown.
+    display.SetTranslationHandleVisibility(True)
+    display.SetRotationHandleVisibility(True)
     display.SetScaleHandleVisibility(False)
     display.SetSnapMode(display.SnapModeUnconstrained)

@@ -169,7 +169,7 @@ class PrepareSection(Section):
     def _note(self, plane, cut) -> str:
         """How an opening was found, or what is wrong with its plane."""
         if cut is not None and not cut.around:
-            return _("cuts no closed rim round its centre: move it")
+            return _("misses the tube: move it")
         if isMoved(plane):
             return _("moved")
         _plane, foundBy, kept = suggestedOf(plane)

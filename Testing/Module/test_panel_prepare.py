@@ -70,7 +70,7 @@ class TestPrepare(PreparePanelCase):
         self.assertNotEqual(self.cells("LAA")[1], before[1])
         self.assertEqual(self.cells("LAA")[2], "moved")
         self.move(planes["LAA"], np.array((0.0, 0.0, 200.0)))
-        self.assertIn("no closed rim", self.cells("LAA")[2])
+        self.assertIn("misses", self.cells("LAA")[2])
         self.ui.applyButton.click()
         self.assertIn("LAA", self.ui.prepareMessage.text)
         self.assertIsNone(self.parameters.seeds)
