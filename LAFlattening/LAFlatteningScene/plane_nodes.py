@@ -19,10 +19,10 @@ OPENING, SUGGESTED = "LAFlattening.opening", "LAFlattening.suggested"
 """Attributes of a plane: the name of its opening, and what was suggested (JSON: centre, normal, found_by ...)."""
 BY_HAND = "hand"
 """How a plane was found that the user puts into place."""
-ROUGH_SHARE = 0.75
-"""A plane to be put into place by hand begins at this share of the way from the middle of the atrium outwards."""
-ROUGH_DEGREES = 25.0
-"""The atrium reaches as far in a direction as it does within this angle of it."""
+ROUGH_SHARES = (0.75, 0.7, 0.65, 0.6)
+"""A plane to be put into place by hand begins at one of these shares of the way from the middle to the tip ..."""
+ROUGH_DEGREES = 30.0
+"""... which is the farthest place within this angle of the direction in which the opening lies in most atria."""
 SAME_MM = 1e-3
 """A plane nearer than this to another is that one: files hold fewer digits than memory."""
 GOOD_COLOUR, BAD_COLOUR = (0.1, 0.75, 0.35), (0.9, 0.1, 0.1)
@@ -87,15 +87,18 @@ def roughOpenings(surface: Surface) -> dict[str, PlannedOpening]:
     distance = np.linalg.norm(apart, axis=1)
     openings = {}
     for name, direction in LEFT_ATRIUM.layout.items():
-        out = np.array(direction) * (-1.0, -1.0, 1.0)
-        out /= np.linalg.norm(out)
-        near = apart @ out > np.cos(np.radians(ROUGH_DEGREES)) * distance
-        reach = float(distance[near].max()) if near.any() else float(np.median(distance))
-        plane = CutPlane(middle + ROUGH_SHARE * reach * out, out)
-        section = plane_section(surface, plane.centre, out)
-        if section is not None and section.around:
-            plane = CutPlane(section.centre, out)
-        openings[name] = PlannedOpening(plane, BY_HAND, section.perimeter if section is not None else float("nan"))
+        general = np.array(direction) * (-1.0, -1.0, 1.0) / np.linalg.norm(direction)
+        cosine = apart @ general / np.maximum(distance, 1e-9)
+        near = cosine >= min(np.cos(np.radians(ROUGH_DEGREES)), cosine.max())
+        tip = apart[np.flatnonzero(near)[distance[near].argmax()]]
+        out = tip / np.linalg.norm(tip)
+        plane, perimeter = CutPlane(middle + ROUGH_SHARES[0] * tip, out), float("nan")
+        for share in ROUGH_SHARES:
+            section = plane_section(surface, middle + share * tip, out)
+            if section is not None and section.around:
+                plane, perimeter = CutPlane(section.centre, out), section.perimeter
+                break
+        openings[name] = PlannedOpening(plane, BY_HAND, perimeter)
     return openings
 
 

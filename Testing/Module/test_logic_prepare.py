@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import slicer
 import vtk
-from LAFlatteningScene.cut_preview import CutPreview
+from LAFlatteningScene.cut_preview import CutPreview, cutOf
 from LAFlatteningScene.live_update import SHORTEST_PAUSE
 from LAFlatteningScene.plane_nodes import planeOf, planesOf, setPlane
 from LAFlatteningScene.prepare_logic import RawChoice
@@ -37,6 +37,7 @@ from prepare_case import (
 
 from LAFlatteningLib import LEFT_ATRIUM, Cancelled, LAFlatteningError, Surface
 from LAFlatteningLib.cavity.clipping import CutPlane
+from LAFlatteningLib.seeds import check_directions
 
 CHOICE = RawChoice(points=POINTS)
 SHIFT = np.array((10.0, -20.0, 30.0))
@@ -290,13 +291,12 @@ class RefusalTest(PrepareCase):
 
 
 class ByHandTest(PrepareCase):
-    def test_planesAreOnTheAtriumAndInTheRightDirections(self):
+    def test_planesCutTheAtriumOnTheRightSides(self):
         planes = self.logic.planesParameters(self.p)
-        middle = points(self.raw).mean(axis=0)
-        for name, (place, _axis) in truth().items():
-            there, rough = place - middle, planeOf(planes[name]).centre - middle
-            cosine = (there @ rough) / np.linalg.norm(there) / np.linalg.norm(rough)
-            self.assertGreater(cosine, np.cos(np.radians(60.0)), name)
+        surface = rawSurface(self.raw)[0]
+        for name, node in planes.items():
+            self.assertTrue(cutOf(surface, planeOf(node)).around, name)
+        check_directions({name: planeOf(planes[name]).centre for name in LEFT_ATRIUM.holes}, "RAS", LEFT_ATRIUM)
 
     def test_cutWhereTheyWerePut(self):
         planes = self.logic.planesParameters(self.p)
@@ -364,7 +364,8 @@ class InputTest(PrepareCase):
         key = node.GetSegmentation().GetSegmentIDs()[0]
         before = versionOf(node)
         self.assertEqual(versionOf(node), before)
-        slicer.util.updateSegmentBinaryLabelmapFromArray(np.ones((9, 9, 9), np.uint8), node, key)
+        slicer.util.arrayFromSegmentInternalBinaryLabelmap(node, key)[:4] = 1
+        node.GetBinaryLabelmapInternalRepresentation(key).Modified()
         self.assertNotEqual(versionOf(node), before)
 
     def test_segmentIsCutInPlanesByHand(self):
