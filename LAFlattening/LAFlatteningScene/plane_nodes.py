@@ -17,8 +17,8 @@ INPUT_ROLE = "LAFlattening.input"
 """Node reference from planes, and from a cavity, to what is prepared."""
 OPENING, SUGGESTED = "LAFlattening.opening", "LAFlattening.suggested"
 """Attributes of a plane: the name of its opening, and what was suggested (JSON: centre, normal, found_by ...)."""
-BY_HAND = "hand"
-"""How a plane was found that the user puts into place."""
+BY_HAND, GIVEN = "hand", "given"
+"""How a plane was found that the user is to put into place, and one that stays where the user has put it."""
 ROUGH_SHARES = (0.75, 0.7, 0.65, 0.6)
 """A plane to be put into place by hand begins at one of these shares of the way from the middle to the tip ..."""
 ROUGH_DEGREES = 30.0

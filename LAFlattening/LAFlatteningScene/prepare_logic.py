@@ -24,6 +24,7 @@ from .linked_views import belongingsOf
 from .map_nodes import NOTES, groupNodes, mapsOf
 from .plane_nodes import (
     BY_HAND,
+    GIVEN,
     INPUT_ROLE,
     PlaneNode,
     isMoved,
@@ -115,6 +116,8 @@ class PrepareLogic:
         self, inputNode: RawNode | None, choice: RawChoice = RawChoice(), progress: ProgressCallback | None = None
     ) -> dict[str, PlaneNode]:
         """Find the openings of an atrium and show where it would be cut; the atrium itself stays as it is.
+
+        A plane that was put into place after `preparePlanes` stays there; the others are found.
 
         Parameters
         ----------
@@ -288,20 +291,21 @@ class PrepareLogic:
         if inputNode is None or inputNode.GetScene() is None or self._prepared is None:
             return None
         key, prepared = self._prepared
-        return prepared if key == (versionOf(inputNode, choice.structure), choice) else None
+        return prepared if key == _keyOf(inputNode, choice) else None
 
     def _prepare(self, inputNode: RawNode | None, choice: RawChoice, progress: ProgressCallback | None) -> Preparation:
         """The atrium with its plan, by rule; remembered until it or the settings change."""
         remembered = self._remembered(inputNode, choice)
         if remembered is not None:
             return remembered
+        given = _given(inputNode)
         with self._working(inputNode, progress) as watch:
             report(watch, 0.0, "Reading the atrium")
             raw, notes = rawSurface(inputNode, choice.structure, part(watch, 0.0, 0.2))
-            key = (versionOf(inputNode, choice.structure), choice)
+            key = _keyOf(inputNode, choice)
             prepared = Preparation(raw, repairs=notes)
             try:
-                prepare(raw, choice.settings(), into=prepared, progress=part(watch, 0.2, 1.0))
+                prepare(raw, choice.settings(), planes=given, into=prepared, progress=part(watch, 0.2, 1.0))
             except SurfaceError as error:
                 if prepared.plan is None:
                     raise
@@ -320,7 +324,7 @@ class PrepareLogic:
         """The atrium cut as suggested, but for planes that were moved since."""
         prepared = self._prepare(inputNode, choice, part(progress, 0.0, 0.7))
         moved = {
-            name: PlannedOpening(plane, "given", float("nan"))
+            name: PlannedOpening(plane, GIVEN, float("nan"))
             for name, plane in planes.items()
             if not samePlane(plane, prepared.plan.openings[name].plane)
         }
@@ -363,6 +367,26 @@ class PrepareLogic:
             yield watch
         finally:
             self.isBusy = False
+
+
+def _given(inputNode: RawNode | None) -> dict[str, CutPlane]:
+    """The planes that are not to be found, because their user has put them into place."""
+    given = {}
+    for name, node in planesOf(inputNode).items():
+        suggested, foundBy, _ = suggestedOf(node)
+        if foundBy == BY_HAND and isPlaced(node) and isMoved(node):
+            given[name] = planeOf(node)
+        elif foundBy == GIVEN:
+            given[name] = suggested
+    return given
+
+
+def _keyOf(inputNode: RawNode, choice: RawChoice) -> tuple[object, ...]:
+    """What a preparation depends on."""
+    given = {
+        name: np.round([plane.centre, plane.normal], 4).tolist() for name, plane in sorted(_given(inputNode).items())
+    }
+    return versionOf(inputNode, choice.structure), choice, str(given)
 
 
 def _outwards(planes: Mapping[str, CutPlane]) -> dict[str, CutPlane]:

@@ -46,7 +46,10 @@ class PrepareSection(Section):
             self.logic.planesParameters(self.parameters)
             showMessage(
                 self.ui.prepareMessage,
-                _("Choose an opening in the table and move its plane to where it is cut, for all six; then Apply."),
+                _(
+                    "Choose an opening in the table and move its plane to where it is cut. Then Apply, or Suggest "
+                    "to have the planes found that you have not moved."
+                ),
             )
             self.panel.showLayout()
         self.panel.update()
@@ -179,6 +182,7 @@ class PrepareSection(Section):
             "flat": _("flat valve"),
             "rule": _("valve by rule"),
             "hand": _("roughly: move it"),
+            "given": _("by hand"),
         }
         text = texts.get(foundBy, foundBy)
         return _("{how}, {length} mm stay").format(how=text, length=f"{kept:.1f}") if kept is not None else text

@@ -2,6 +2,7 @@
 
 import json
 import tempfile
+import unittest.mock
 from pathlib import Path
 
 import numpy as np
@@ -307,6 +308,20 @@ class ByHandTest(PrepareCase):
         expected = sorted(2.0 * np.pi * opening.rim[0] for opening in shape.openings.values())
         np.testing.assert_allclose(sorted(self.rims(cavity)[0]), expected, rtol=0.03)
         self.assertEqual(seeds.GetNumberOfDefinedControlPoints(), 9)
+
+    def test_theOthersAreFoundByRule(self):
+        node = addSegmentation()
+        planes = self.logic.preparePlanes(node, CHOICE)
+        setPlane(planes["MV"], CutPlane(*truth()["MV"]))
+        self.logic.prepareSuggest(node, CHOICE)
+        for name, (middle, axis) in truth().items():
+            plane = planeOf(planes[name])
+            self.assertLess(abs((plane.centre - middle) @ axis), 3.0, name)
+            self.assertGreater(plane.normal @ axis, np.cos(np.radians(15.0)), name)
+        np.testing.assert_allclose(planeOf(planes["MV"]).centre, truth()["MV"][0], atol=1e-6)
+        with unittest.mock.patch("LAFlatteningScene.prepare_logic.prepare", side_effect=AssertionError("made anew")):
+            cavity, _ = self.logic.prepareApply(node, CHOICE)
+        self.assertEqual(len(self.rims(cavity)[0]), 6)
 
     def test_swappedPlanesAreRefused(self):
         planes = self.logic.planesParameters(self.p)

@@ -2,10 +2,9 @@
 
 import numpy as np
 import slicer
-import vtk
 from LAFlatteningScene import views
 from LAFlatteningScene.cut_preview import CutPreview
-from LAFlatteningScene.plane_nodes import planeOf, setPlane
+from LAFlatteningScene.plane_nodes import planeOf, setPlane, showHandles
 from logic_case import Clock, LogicCase
 from prepare_case import POINTS, addClosed
 from view_case import onScreen, picture
@@ -93,28 +92,57 @@ class MouseTest(PlanesCase):
         self.view.interactor().SetEventInformation(int(at[0]), int(at[1]), 0, 0)
         self.view.interactor().InvokeEvent(event)
 
-    def test_aPlaneIsDraggedAndTheRimFollows(self):
-        node = self.planes["RSPV"]
-        before, cut = planeOf(node), self.logic.plannedCuts()["RSPV"]
-        picture(self.view)
-        corners = vtk.vtkPoints()
-        node.GetPlaneCornerPointsWorld(corners)
-        # By its border, which is in sight beside the vein.
-        places = [0.5 * (np.array(corners.GetPoint(k)) + corners.GetPoint((k + 1) % 4)) for k in range(4)]
-        eye = np.array(views.cameraOf(self.logic.atriumViewNode()).GetPosition())
-        start = onScreen(self.view, min(places, key=lambda place: np.linalg.norm(place - eye)))
-        end = start + np.array((12, 8))
-        self.mouse("EnterEvent", start)
+    def handle(self, node, component):
+        """Where the mouse finds a handle (type, number) of a plane: a place near the plane's centre on the picture."""
+        display, centre = node.GetDisplayNode(), onScreen(self.view, planeOf(node).centre)
+        self.mouse("EnterEvent", centre)
+        found = None
+        for x in range(-80, 81, 8):
+            for y in range(-80, 81, 8):
+                place = centre + np.array((x, y))
+                self.mouse("MouseMoveEvent", place)
+                if (display.GetActiveComponentType(), display.GetActiveComponentIndex()) == component:
+                    found = place
+        self.assertIsNotNone(found, "the plane has no such handle")
+        return found
+
+    def drag(self, start, by):
         self.mouse("MouseMoveEvent", start)
         self.mouse("LeftButtonPressEvent", start)
         for share in (0.25, 0.5, 0.75, 1.0):
-            self.mouse("MouseMoveEvent", start + share * (end - start))
+            self.mouse("MouseMoveEvent", start + share * by)
             self.clock.run(0.1)
-        during = self.logic.plannedCuts()["RSPV"]
-        self.mouse("LeftButtonReleaseEvent", end)
-        self.clock.run(1.0)
-        after = planeOf(node)
-        self.assertGreater(np.linalg.norm(after.centre - before.centre), 1.0)
+
+    def test_aPlaneIsMovedByItsHandleAndTheRimFollows(self):
+        node = self.planes["RSPV"]
+        showHandles(self.planes, "RSPV")
+        picture(self.view)
+        before, cut = planeOf(node), self.logic.plannedCuts()["RSPV"]
+        # The third axis of a plane is its normal.
+        start = self.handle(node, (node.GetDisplayNode().ComponentTranslationHandle, 2))
+        by = onScreen(self.view, before.centre + 4.0 * before.normal) - onScreen(self.view, before.centre)
+        self.drag(start, by)
+        during, now = self.logic.plannedCuts()["RSPV"], planeOf(node)
         self.assertIsNot(during, cut)
-        rim = self.logic.plannedCuts()["RSPV"].points
-        self.assertLess(np.abs((rim - after.centre) @ after.normal).max(), 1e-6)
+        self.assertLess(np.abs((during.points - now.centre) @ now.normal).max(), 1e-6)
+        self.mouse("LeftButtonReleaseEvent", start + by)
+        self.clock.run(1.0)
+        moved = planeOf(node).centre - before.centre
+        self.assertAlmostEqual(float(moved @ before.normal), 4.0, delta=1.0)
+        self.assertLess(np.linalg.norm(np.cross(moved, before.normal)), 0.01)
+        np.testing.assert_allclose(planeOf(node).normal, before.normal, atol=1e-6)
+
+    def test_aPlaneIsTurnedByItsHandle(self):
+        node = self.planes["RSPV"]
+        showHandles(self.planes, "RSPV")
+        picture(self.view)
+        before = planeOf(node)
+        start = self.handle(node, (node.GetDisplayNode().ComponentRotationHandle, 1))
+        by = np.array((10, 10))
+        self.drag(start, by)
+        self.mouse("LeftButtonReleaseEvent", start + by)
+        self.clock.run(1.0)
+        self.assertLess(planeOf(node).normal @ before.normal, np.cos(np.radians(2.0)))
+        np.testing.assert_allclose(planeOf(node).centre, before.centre, atol=1e-6)
+        rim, now = self.logic.plannedCuts()["RSPV"].points, planeOf(node)
+        self.assertLess(np.abs((rim - now.centre) @ now.normal).max(), 1e-6)
