@@ -10,11 +10,17 @@ import sys
 import unittest
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Union
 
 import numpy as np
 import slicer
-from slicer import vtkMRMLMarkupsFiducialNode, vtkMRMLModelNode, vtkMRMLTableNode
+from slicer import (
+    vtkMRMLLabelMapVolumeNode,
+    vtkMRMLMarkupsFiducialNode,
+    vtkMRMLModelNode,
+    vtkMRMLSegmentationNode,
+    vtkMRMLTableNode,
+)
 from slicer.i18n import tr as _
 from slicer.i18n import translate
 from slicer.parameterNodeWrapper import Choice, WithinRange, parameterNodeWrapper
@@ -31,6 +37,7 @@ from LAFlatteningScene.linked_views import LinkedViews
 from LAFlatteningScene.live_update import LiveUpdate, Report
 from LAFlatteningScene.map_making import checkOutput, chooseMap, makeMap, notesOf
 from LAFlatteningScene.map_nodes import writeMap
+from LAFlatteningScene.prepare_logic import PrepareLogic
 from LAFlatteningScene.quality_nodes import METRICS_ROLE, REGIONS_ROLE, SERIES_ROLES
 from LAFlatteningScene.sample_data import loadSample
 from LAFlatteningScene.seed_logic import SeedLogic
@@ -41,11 +48,13 @@ from LAFlatteningWidgets import (
     InputSection,
     MapSection,
     Panel,
+    PrepareSection,
     QualitySection,
     SeedSection,
 )
 
 from LAFlatteningLib import builtin_templates
+from LAFlatteningLib.cavity.plan import KEEP_MM
 from LAFlatteningLib.flattening import METHODS
 
 
@@ -55,6 +64,10 @@ class LAFlatteningParameterNode:
 
     Attributes
     ----------
+    prepareInput : what an atrium is prepared from.
+    prepareStructure : the segment (id) or label (value) that is the atrium; empty for the only one.
+    pvLength, laaLength : length of vein and appendage that stays beyond the ostium, mm.
+    preparePoints : points of the prepared mesh; 0 chooses.
     surface : the atrium, mm.
     seeds : the nine seeds.
     map : the map that is made and kept up to date.
@@ -72,6 +85,12 @@ class LAFlatteningParameterNode:
     exportDirectory : where files are written; "." until one is chosen.
     """
 
+    # Slicer knows this notation of a union only.
+    prepareInput: Union[vtkMRMLModelNode, vtkMRMLSegmentationNode, vtkMRMLLabelMapVolumeNode]  # noqa: UP007
+    prepareStructure: str = ""
+    pvLength: Annotated[float, WithinRange(0.0, 20.0)] = KEEP_MM
+    laaLength: Annotated[float, WithinRange(0.0, 20.0)] = KEEP_MM
+    preparePoints: Annotated[int, WithinRange(0, 200_000)] = 0
     surface: vtkMRMLModelNode
     seeds: vtkMRMLMarkupsFiducialNode
     map: vtkMRMLModelNode
@@ -90,12 +109,13 @@ class LAFlatteningParameterNode:
     exportDirectory: Path
 
 
-class LAFlatteningLogic(ScriptedLoadableModuleLogic, SeedLogic):  # noqa: F405
+class LAFlatteningLogic(ScriptedLoadableModuleLogic, SeedLogic, PrepareLogic):  # noqa: F405
     """What the module does, on MRML nodes; usable from the console.
 
     Positions are RAS, mm, world coordinates: parent transforms of surface and seeds count, nonlinear ones too.
     Errors of the library (`LAFlatteningLib.errors`) pass through unchanged. What it does with seeds
-    (create, place, snap, check) is in `LAFlatteningScene.seed_logic`.
+    (create, place, snap, check) is in `LAFlatteningScene.seed_logic`, how it makes an atrium of a raw one in
+    `LAFlatteningScene.prepare_logic`.
 
     Attributes
     ----------
@@ -404,7 +424,15 @@ class LAFlatteningWidget(ScriptedLoadableModuleWidget, Panel):  # noqa: F405
         uiWidget.setMRMLScene(slicer.mrmlScene)
         self.logic = LAFlatteningLogic()
         self.inputs, self.seeds, self.map = InputSection(self), SeedSection(self), MapSection(self)
-        self.sections = (self.inputs, self.seeds, self.map, QualitySection(self), ExportSection(self))
+        self.prepare = PrepareSection(self)
+        self.sections = (
+            self.prepare,
+            self.inputs,
+            self.seeds,
+            self.map,
+            QualitySection(self),
+            ExportSection(self),
+        )
         self.observeScene()
         self.initializeParameterNode()
 

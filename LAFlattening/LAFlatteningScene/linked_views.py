@@ -197,10 +197,14 @@ class LinkedViews(VTKObservationMixin):
     def _onNodeAboutToBeRemoved(self, _caller: object, _event: object, node: slicer.vtkMRMLNode) -> None:
         """What belongs to a node goes with it."""
         if isinstance(node, slicer.vtkMRMLModelNode):
-            belongings = [*overlayOf(node), openingsNode(node), colourBarOf(node)]
-            for belonging in belongings:
-                if belonging is not None and belonging.GetScene() is not None:
-                    slicer.mrmlScene.RemoveNode(belonging)
+            for belonging in belongingsOf(node):
+                slicer.mrmlScene.RemoveNode(belonging)
+
+
+def belongingsOf(node: slicer.vtkMRMLModelNode) -> list[slicer.vtkMRMLNode]:
+    """What is shown with an atrium or a map and has no meaning without it: overlay, covers, colour bar."""
+    found = [*overlayOf(node), openingsNode(node), colourBarOf(node)]
+    return [node for node in found if node is not None and node.GetScene() is not None]
 
 
 def _alive(node: slicer.vtkMRMLModelNode | None) -> slicer.vtkMRMLModelNode | None:

@@ -24,6 +24,13 @@ ISOTROPY_BIN, ISOTROPY_SHARE = "Isotropy (1: angles kept)", "Triangles by isotro
 ModelNode = slicer.vtkMRMLModelNode
 
 
+def qualityNodesOf(mapNode: ModelNode) -> list[slicer.vtkMRMLNode]:
+    """The tables and plots of a map, as far as they are there."""
+    roles = (METRICS_ROLE, REGIONS_ROLE, HISTOGRAM_ROLE, *SERIES_ROLES, *SERIES_ROLES.values())
+    nodes = (mapNode.GetNodeReference(role) for role in roles)
+    return [node for node in nodes if node is not None]
+
+
 def metricRows(flatMap: FlatMap, diskDiameter: float) -> Iterator[tuple[str, str, str]]:
     """Quantity, value, unit of each figure of a map; "1" is the unit of a ratio."""
     metrics, radius = flatMap.metrics, 0.5 * diskDiameter

@@ -37,14 +37,19 @@ def worldPoints(modelNode: slicer.vtkMRMLModelNode) -> np.ndarray:
     polydata = modelNode.GetPolyData()
     if polydata is None or polydata.GetPoints() is None:
         return np.zeros((0, 3))
-    parent = modelNode.GetParentTransformNode()
+    return toWorld(polydata.GetPoints(), modelNode)
+
+
+def toWorld(points: vtk.vtkPoints, node: slicer.vtkMRMLTransformableNode) -> np.ndarray:
+    """Points of a node (RAS, mm) with all its parent transforms applied, (n, 3): a copy."""
+    parent = node.GetParentTransformNode()
     if parent is None:
-        return vtk_to_numpy(polydata.GetPoints().GetData()).astype(np.float64)
-    toWorld = vtk.vtkGeneralTransform()
-    slicer.vtkMRMLTransformNode.GetTransformBetweenNodes(parent, None, toWorld)
+        return vtk_to_numpy(points.GetData()).astype(np.float64)
+    transform = vtk.vtkGeneralTransform()
+    slicer.vtkMRMLTransformNode.GetTransformBetweenNodes(parent, None, transform)
     moved = vtk.vtkPoints()
     moved.SetDataTypeToDouble()
-    toWorld.TransformPoints(polydata.GetPoints(), moved)
+    transform.TransformPoints(points, moved)
     return vtk_to_numpy(moved.GetData()).copy()
 
 

@@ -8,7 +8,8 @@ from .export_section import ExportSection
 from .input_section import InputSection
 from .map_section import MapSection
 from .panel import Panel
+from .prepare_section import PrepareSection
 from .quality_section import QualitySection
 from .seed_section import SeedSection
 
-__all__ = ["ExportSection", "InputSection", "MapSection", "Panel", "QualitySection", "SeedSection"]
+__all__ = ["ExportSection", "InputSection", "MapSection", "Panel", "PrepareSection", "QualitySection", "SeedSection"]

@@ -1,9 +1,8 @@
 """Section Map: how the map is made, making it, and showing it."""
 
-import slicer
 from slicer.i18n import tr as _
 
-from .section import Section, errorsShownIn, showMessage
+from .section import Section, Work, errorsShownIn, showMessage
 
 
 class MapSection(Section):
@@ -11,37 +10,22 @@ class MapSection(Section):
 
     def __init__(self, panel) -> None:
         super().__init__(panel)
-        self.isComputing = False
-        self.cancelRequested = False
+        self.work = Work(self.ui.progressBar, self.ui.cancelButton, self.panel.update)
         self.choices = ()
         self.ui.flattenButton.connect("clicked()", self.flatten)
-        self.ui.cancelButton.connect("clicked()", self.cancel)
         self.ui.layoutButton.connect("clicked()", self.panel.showLayout)
         self.ui.frameButton.connect("clicked()", self.logic.frameMap)
         self.ui.colourSelector.connect("activated(int)", self.colour)
 
     def flatten(self) -> None:
         """Make the map; the panel stays usable enough to cancel."""
-        self.isComputing, self.cancelRequested = True, False
-        self.panel.update()
-        try:
-            with errorsShownIn(self.ui.mapMessage, _("The map could not be made.")):
-                self.logic.flattenParameters(self.parameters, self.progress)
-                self.panel.showLayout()
-        finally:
-            self.isComputing = False
-            self.panel.update()
-
-    def progress(self, share: float, text: str) -> bool:
-        """Show how far the work is, let the user press Cancel; False stops the work."""
-        self.ui.progressBar.value = round(100 * share)
-        self.ui.progressBar.format = f"{text} (%p %)"
-        slicer.app.processEvents()
-        return not self.cancelRequested
+        with self.work.running(), errorsShownIn(self.ui.mapMessage, _("The map could not be made.")):
+            self.logic.flattenParameters(self.parameters, self.work.progress)
+            self.panel.showLayout()
 
     def reset(self) -> None:
         """No message, and what is being computed is no longer wanted."""
-        self.cancelRequested = True
+        self.work.cancel()
         showMessage(self.ui.mapMessage, "")
         self.ui.readoutText.text = ""
 
@@ -53,10 +37,6 @@ class MapSection(Section):
             # What is missing is said where it is chosen.
             text = "" if report.stage == "seeds" else report.message
         showMessage(self.ui.mapMessage, text)
-
-    def cancel(self) -> None:
-        """Stop the work at its next step."""
-        self.cancelRequested = True
 
     def colour(self, row: int) -> None:
         """Colour atrium and map by the array that was chosen."""
@@ -87,9 +67,7 @@ class MapSection(Section):
     def update(self) -> None:
         """What can be pressed now."""
         missing = self.missing()
-        self.ui.flattenButton.enabled = not missing and not self.isComputing
+        self.ui.flattenButton.enabled = not missing and not self.work.isRunning
         self.ui.flattenButton.toolTip = missing or _("Compute the map.")
-        self.ui.cancelButton.setVisible(self.isComputing)
-        self.ui.progressBar.setVisible(self.isComputing)
         self.ui.frameButton.enabled = self.parameters.map is not None
         self.updateColours()

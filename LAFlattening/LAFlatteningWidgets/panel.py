@@ -33,6 +33,7 @@ class Panel(VTKObservationMixin):
         """Connect the panel with a parameter node (`LAFlatteningParameterNode`); None leaves it unconnected."""
         if self.parameterNode is not None:
             self.logic.stopLiveUpdate()
+            self.logic.stopCutPreview()
             self.logic.unlinkViews()
             self.parameterNode.disconnectGui(self._guiTag)
             self.removeObserver(self.parameterNode, vtk.vtkCommand.ModifiedEvent, self.onParametersModified)
@@ -44,6 +45,7 @@ class Panel(VTKObservationMixin):
             self.addObserver(parameterNode, vtk.vtkCommand.ModifiedEvent, self.onParametersModified)
             self.logic.linkViews(parameterNode, self.onReadout, self.onColours)
             self.logic.startLiveUpdate(parameterNode, qt.QTimer.singleShot, self.onReport)
+            self.logic.startCutPreview(parameterNode, qt.QTimer.singleShot, self.onCuts)
         self.update()
 
     # ---- events ------------------------------------------------------------------------------------------------------
@@ -81,6 +83,11 @@ class Panel(VTKObservationMixin):
         if report.stage != "preview":
             self.map.showReport(report)
             self.update()
+
+    def onCuts(self) -> None:
+        """The Logic has followed the planes of the openings."""
+        if self.parameterNode is not None:
+            self.prepare.update()
 
     def onReadout(self, text: str) -> None:
         """What is under the cursor."""

@@ -1,6 +1,6 @@
 """What the sections of the panel share: who they belong to, messages, tables."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import qt
@@ -33,6 +33,47 @@ class Section:
 
     def update(self) -> None:
         """Show what the parameter node says."""
+
+
+class Work:
+    """A computation with a progress bar and a button to cancel it.
+
+    Parameters
+    ----------
+    onChange : called when a computation begins and when it ends.
+    """
+
+    def __init__(self, bar: qt.QProgressBar, cancelButton: qt.QPushButton, onChange: Callable[[], None]) -> None:
+        self._bar, self._button, self._onChange = bar, cancelButton, onChange
+        self.isRunning = self._cancelled = False
+        cancelButton.connect("clicked()", self.cancel)
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Show bar and button while something is computed."""
+        self.isRunning, self._cancelled = True, False
+        self._show()
+        try:
+            yield
+        finally:
+            self.isRunning = False
+            self._show()
+
+    def progress(self, share: float, text: str) -> bool:
+        """Show how far the work is, let the user press Cancel; False stops the work."""
+        self._bar.value = round(100 * share)
+        self._bar.format = f"{text} (%p %)"
+        slicer.app.processEvents()
+        return not self._cancelled
+
+    def cancel(self) -> None:
+        """Stop the work at its next step."""
+        self._cancelled = True
+
+    def _show(self) -> None:
+        for widget in (self._bar, self._button):
+            widget.setVisible(self.isRunning)
+        self._onChange()
 
 
 def showMessage(label: qt.QLabel, text: str) -> None:

@@ -101,7 +101,7 @@ class TestBadInput(PanelCase):
         self.assertEqual(slicer.util.getNodesByClass("vtkMRMLModelNode"), [])
         self.panel.enter()
         self.assertIn("Choose the surface", self.ui.inputMessage.text)
-        self.assertFalse(self.panel.map.isComputing)
+        self.assertFalse(self.panel.map.work.isRunning)
         # The panel works as before.
         self.makeMap()
 
