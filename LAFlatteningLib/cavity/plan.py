@@ -154,7 +154,11 @@ class _Planner:
         return _Candidate(tip.position, tip.rise_mm, find_ostium(self.closed, self.lumen, tip.position))
 
     def recognise(self, candidates: list[_Candidate]) -> Recognition:
-        places = np.array([c.ostium.line.at(c.ostium.at_mm)[0] - self.lumen.centre for c in candidates]).reshape(-1, 3)
+        # An open rim is at its ostium or near it; the centreline of so short a tube says less.
+        places = np.array(
+            [c.ostium.line.at(c.ostium.at_mm)[0] if c.rim is None else c.tip for c in candidates]
+        ).reshape(-1, 3)
+        places = places - self.lumen.centre
         directions = places / np.maximum(np.linalg.norm(places, axis=1, keepdims=True), 1e-9)
         return recognise(directions, [c.rise_mm for c in candidates], self.anatomy, self.space)
 

@@ -29,6 +29,8 @@ MOST_CANDIDATES = 9
 LOW_RISE_MM = 5.0
 """A tip that rises less is a less likely vein: it adds a misfit of `LOW_RISE_MISFIT` or less."""
 LOW_RISE_MISFIT = 0.15
+LEFT_OPEN_MISFIT = 0.3
+"""Taking a protrusion although an open rim is left over adds so much: what was cut open was an opening."""
 
 _UNLIKE = "The veins and the appendage do not lie as in a left atrium"
 
@@ -96,7 +98,11 @@ def recognise(
     rises = np.asarray(rises_mm, np.float64)
     chosen = np.sort(np.argsort(-rises, kind="stable")[:MOST_CANDIDATES])
     orders = chosen[np.array(list(permutations(range(len(chosen)), len(holes))))]
-    extra = LOW_RISE_MISFIT * np.exp(-rises / LOW_RISE_MM)
+    # An open rim has an infinite rise, so that each costs nothing; those that could be taken and are not cost.
+    is_open = np.isinf(rises)
+    taken = is_open[orders].sum(axis=1)
+    extra = (LOW_RISE_MISFIT * np.exp(-rises / LOW_RISE_MM))[orders].sum(axis=1)
+    extra += LEFT_OPEN_MISFIT * (min(int(is_open.sum()), len(holes)) - taken)
     limit = 180.0 if space is None else TILT_DEGREES
 
     best = _fit(layout, directions, orders, extra, limit)
@@ -153,10 +159,11 @@ def _fit(layout: FloatArray, directions: FloatArray, orders: IntArray, extra: Fl
     turn *= np.minimum(1.0, np.radians(limit) / np.maximum(angle, 1e-12))[:, None]
     rotation = Rotation.from_rotvec(turn).as_matrix()
     off = 1.0 - np.einsum("bij,kj,bki->bk", rotation, layout, found)
-    misfit = off.sum(axis=1) + extra[orders].sum(axis=1)
-    ranked = np.argsort(misfit, kind="stable")
+    misfit = off.sum(axis=1)
+    cost = misfit + extra
+    ranked = np.argsort(cost, kind="stable")
     first, second = ranked[0], ranked[min(1, len(ranked) - 1)]
-    lead = np.inf if len(ranked) == 1 else float(misfit[second] - misfit[first])
+    lead = np.inf if len(ranked) == 1 else float(cost[second] - cost[first])
     return _Fit(
         orders[first], orders[second], float(misfit[first]), lead, rotation[first], float(np.degrees(angle[first]))
     )

@@ -68,6 +68,15 @@ def test_a_bump_is_not_taken_for_a_vein():
     assert recognise(more, [20.0] * 5 + [3.0], LEFT_ATRIUM).index == truth
 
 
+def test_an_open_rim_is_not_left_for_a_bump():
+    """The best fitting of six candidates is a bump; all that are open are taken."""
+    directions, truth = disturbed(2, 25.0)
+    exact = LAYOUT[HOLES.index("LSPV")]
+    more = np.concatenate([directions, [exact]])
+    found = recognise(more, [np.inf] * 5 + [8.0], LEFT_ATRIUM)
+    assert set(found.index.values()) == set(truth.values())
+
+
 def test_two_likely_assignments_lower_the_confidence():
     directions, truth = disturbed(1, 2.0)
     beside = directions[truth["RSPV"]] + [0.0, 0.05, -0.05]
