@@ -29,7 +29,7 @@ MOST_CANDIDATES = 9
 LOW_RISE_MM = 5.0
 """A tip that rises less is a less likely vein: it adds a misfit of `LOW_RISE_MISFIT` or less."""
 LOW_RISE_MISFIT = 0.15
-LEFT_OPEN_MISFIT = 0.3
+LEFT_OPEN_MISFIT = 0.15
 """Taking a protrusion although an open rim is left over adds so much: what was cut open was an opening."""
 
 _UNLIKE = "The veins and the appendage do not lie as in a left atrium"
