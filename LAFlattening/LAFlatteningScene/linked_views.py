@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 
 DISPLAY_MODIFIED = slicer.vtkMRMLDisplayableNode.DisplayModifiedEvent
 
+PUT_AWAY = "LAFlattening.putAway"
+"""Attribute of a map that is hidden because another one, or none, is chosen."""
+
 
 class LinkedViews(VTKObservationMixin):
     """Follows the nodes of a parameter node in the views; see `LAFlatteningLogic.linkViews`."""
@@ -91,9 +94,11 @@ class LinkedViews(VTKObservationMixin):
             if self._map is not None:
                 self.removeObserver(self._map, vtk.vtkCommand.ModifiedEvent, self._onMap)
                 self.removeObserver(self._map, DISPLAY_MODIFIED, self._onMapDisplay)
+                _putAway(self._map)
             if mapNode is not None:
                 self.addObserver(mapNode, vtk.vtkCommand.ModifiedEvent, self._onMap)
                 self.addObserver(mapNode, DISPLAY_MODIFIED, self._onMapDisplay)
+                _takeOut(mapNode)
             self._map = mapNode
         self._settings = settingsOf(mapNode) if mapNode is not None else None
         onMap = []
@@ -199,6 +204,22 @@ class LinkedViews(VTKObservationMixin):
         if isinstance(node, slicer.vtkMRMLModelNode):
             for belonging in belongingsOf(node):
                 slicer.mrmlScene.RemoveNode(belonging)
+
+
+def _putAway(mapNode: slicer.vtkMRMLModelNode) -> None:
+    """Hide a map that is no longer chosen: outside the map view it would lie about in that of the atrium."""
+    shown = [node for node in (mapNode, *overlayOf(mapNode)) if node is not None and node.GetDisplayNode() is not None]
+    if shown and mapNode.GetScene() is not None and mapNode.GetDisplayVisibility():
+        mapNode.SetAttribute(PUT_AWAY, "1")
+        for node in shown:
+            node.SetDisplayVisibility(False)
+
+
+def _takeOut(mapNode: slicer.vtkMRMLModelNode) -> None:
+    """Show a map again that was put away, and no other: the user may have hidden it."""
+    if mapNode.GetAttribute(PUT_AWAY):
+        mapNode.RemoveAttribute(PUT_AWAY)
+        mapNode.SetDisplayVisibility(True)
 
 
 def belongingsOf(node: slicer.vtkMRMLModelNode) -> list[slicer.vtkMRMLNode]:

@@ -121,16 +121,16 @@ class PrepareSection(Section):
         self.ui.prepareUndoButton.enabled = bool(planes or cavity) and idle
 
     def _fold(self) -> None:
-        """Fold the section for an atrium that is ready, unfold it for one that is not; after that the user decides."""
+        """Fold the section for an atrium that is ready, unfold it else; after that the user decides."""
         p = self.parameters
         if self.seen == (p.surface,):
             return
         self.seen = (p.surface,)
-        if p.surface is None or p.surface is self.logic.cavityOf(p.prepareInput):
+        if p.surface is not None and p.surface is self.logic.cavityOf(p.prepareInput):
+            # Just made here: the user may want to undo it.
             return
-        ready = self.logic.isReady(p.surface)
-        self.ui.prepareSection.collapsed = ready
-        if not ready and p.prepareInput is None:
+        self.ui.prepareSection.collapsed = p.surface is not None and self.logic.isReady(p.surface)
+        if p.surface is not None and not self.ui.prepareSection.collapsed and p.prepareInput is None:
             p.prepareInput = p.surface
 
     def _updateStructures(self) -> None:

@@ -4,6 +4,7 @@ import numpy as np
 import slicer
 from LAFlatteningScene import views
 from LAFlatteningScene.cut_preview import CutPreview
+from LAFlatteningScene.overlay import overlayOf
 from LAFlatteningScene.plane_nodes import planeOf, setPlane, showHandles
 from logic_case import Clock, LogicCase
 from prepare_case import POINTS, addClosed
@@ -79,6 +80,19 @@ class RimsTest(PlanesCase):
             shown = [display.GetNthViewNodeID(k) for k in range(display.GetNumberOfViewNodeIDs())]
             self.assertTrue(shown, node.GetName())
             self.assertNotIn(mapView.GetID(), shown, node.GetName())
+
+    def test_aMapThatIsNoLongerChosenIsNotShownWithTheAtrium(self):
+        self.logic.applyParameters(self.p)
+        mapNode = self.logic.flattenParameters(self.p)
+        nodes = [mapNode, *overlayOf(mapNode)]
+        self.assertTrue(all(node.GetDisplayVisibility() for node in nodes))
+        self.p.map = None
+        self.assertFalse(any(node.GetDisplayVisibility() for node in nodes))
+        self.p.map = mapNode
+        self.assertTrue(all(node.GetDisplayVisibility() for node in nodes))
+        mapNode.SetDisplayVisibility(False)
+        self.logic.linkViews(self.p)
+        self.assertFalse(mapNode.GetDisplayVisibility(), "hidden by the user")
 
     def test_goneAfterApply(self):
         self.logic.applyParameters(self.p)

@@ -2,14 +2,15 @@
 
 make screenshots      or      python Testing/Tools/screenshots.py
 
-`module.png` is the whole picture, `placing.png` the panel in the middle of placing seeds, `atrium.png` and
-`flat.png` the two views.
+`module.png` is the whole picture, `placing.png` the panel in the middle of placing seeds, `prepare.png` with the planes
+of a closed atrium, `atrium.png` and `flat.png` the two views.
 """
 
 from __future__ import annotations
 
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -158,6 +159,44 @@ def main() -> None:
     camera.SetPosition(*np.add(centre, (-40.0, 200.0, 20.0)))
     atrium.resetCamera()
     save("placing.png", beside(placing, view_image(atrium)))
+    logic.stopPlacing()
+    save("prepare.png", prepare_image(panel, atrium, (surface, seeds)))
+
+
+def prepare_image(panel, atrium, others) -> np.ndarray:
+    """The planes of a closed atrium, the one of the LIPV with its handles."""
+    import slicer
+    import vtk
+    from LAFlatteningScene.sample_data import LPS_TO_RAS
+
+    from LAFlatteningLib import make_phantom
+
+    for node in others:
+        node.GetDisplayNode().SetVisibility(False)
+    parameters = panel.parameterNode
+    parameters.surface = parameters.seeds = parameters.map = None
+    closed = make_phantom(POINTS, closed=True).surface
+    polydata = vtk.vtkPolyData()
+    polydata.DeepCopy(replace(closed, points=closed.points @ LPS_TO_RAS).to_polydata())
+    raw = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLModelNode", "Raw atrium")
+    raw.SetAndObservePolyData(polydata)
+    raw.CreateDefaultDisplayNodes()
+    raw.GetDisplayNode().SetColor(0.85, 0.7, 0.62)
+    parameters.prepareInput = raw
+    settle()
+    panel.ui.suggestButton.click()
+    settle()
+    panel.prepare.choose(list(panel.logic.openings()).index("LIPV"))
+    panel_picture = panel_image(panel, ("prepare",))
+    atrium.resize(VIEW_WIDTH, max(len(panel_picture), VIEW_WIDTH))
+    camera = atrium.cameraNode()
+    centre = slicer.util.arrayFromModelPoints(raw).mean(axis=0)
+    camera.SetFocalPoint(*centre)
+    camera.SetPosition(*np.add(centre, (-90.0, -200.0, 40.0)))
+    camera.SetViewUp(0.0, 0.0, 1.0)
+    atrium.resetCamera()
+    settle()
+    return beside(panel_picture, view_image(atrium))
 
 
 if __name__ == "__main__":
