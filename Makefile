@@ -60,4 +60,5 @@ clean:
 screenshots: demo $(VENV)/test.stamp
 	mkdir -p Screenshots
 	cp $(DEMO)/figure.png Screenshots/map.png
+	$(BIN)/python Testing/Tools/draw_prepared.py
 	$(BIN)/python Testing/Tools/screenshots.py
