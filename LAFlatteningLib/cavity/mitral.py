@@ -139,9 +139,13 @@ def _flat_end(body: Surface, centre: FloatArray, axis: FloatArray) -> tuple[Floa
             if not alike.any():
                 break
             offset = middles @ here
-            edges = np.arange(offset.min(), offset.max() + FLAT_THICKNESS_MM, 0.25 * FLAT_THICKNESS_MM)
-            share = np.array([area[alike & (np.abs(offset - edge) <= 0.5 * FLAT_THICKNESS_MM)].sum() for edge in edges])
-            layer = alike & (np.abs(offset - edges[int(share.argmax())]) <= 0.5 * FLAT_THICKNESS_MM)
+            half = 0.5 * FLAT_THICKNESS_MM
+            edges = np.arange(offset[alike].min(), offset[alike].max() + FLAT_THICKNESS_MM, 0.5 * half)
+            order = np.argsort(offset[alike])
+            ordered = offset[alike][order]
+            below = np.concatenate([[0.0], np.cumsum(area[alike][order])])
+            share = below[np.searchsorted(ordered, edges + half)] - below[np.searchsorted(ordered, edges - half)]
+            layer = alike & (np.abs(offset - edges[int(share.argmax())]) <= half)
             mean = (normals[layer] * area[layer, None]).sum(axis=0)
             here = mean / np.linalg.norm(mean)
         if area[layer].sum() > largest:

@@ -42,6 +42,8 @@ EXTRA_RISE_MM = 4.0
 """A further protrusion that stands out by this, with an ostium, is an extra vein."""
 SMALLEST_EXTRA_MM = 15.0
 """... if it is so long round (5 mm wide); less is a twig or noise, and hardly disturbs a map."""
+NEAR_OSTIUM_MM = 15.0
+"""A branch that leaves its vein within this of the cut may be an extra vein with a common ostium."""
 MIRRORED_RATIO = 1.4
 """The atrium is taken for mirrored where a vein in the appendage's mirror place is wider than it by this factor (.4 to
 .85 in nine atria, 1.15 in one)."""
@@ -561,21 +563,29 @@ def _extra_veins(
     chosen = {id(c) for c in named.values()} | {id(c) for c in candidates if c.rim is not None}
     tips = {tuple(c.tip) for c in named.values()}
     extra = []
-    for c in candidates:
-        if id(c) in chosen or tuple(c.tip) in tips or c.rise_mm < EXTRA_RISE_MM or not c.ostium.found:
+    # Lower ones are looked at only as branches of veins.
+    low = [tip for tip in find_tips(planner.closed, planner.lumen) if candidates and tip.rise_mm < EXTRA_RISE_MM]
+    for c in [*candidates, *map(planner.candidate, low)]:
+        if id(c) in chosen or tuple(c.tip) in tips or not c.ostium.found:
+            continue
+        centre, normal, kept = c.ostium.plane_at(0.0)
+        section = plane_section(planner.closed, centre, normal)
+        if section is None or not section.around or section.perimeter < SMALLEST_EXTRA_MM:
+            continue
+        if section.diameter > WIDEST_VEIN_MM:
             continue
         beyond = [
             hole
             for hole, opening in openings.items()
             if (c.tip - opening.plane.centre) @ opening.plane.normal > 0.0 and _cut_off(planner, opening, c.ostium)
         ]
-        if beyond:
-            continue
-        centre, normal, kept = c.ostium.plane_at(0.0)
-        section = plane_section(planner.closed, centre, normal)
-        if section is None or not section.around or section.diameter > WIDEST_VEIN_MM:
-            continue
-        if section.perimeter < SMALLEST_EXTRA_MM:
+        near = [h for h in beyond if np.linalg.norm(centre - openings[h].plane.centre) < NEAR_OSTIUM_MM]
+        if near and near[0] in planner.anatomy.holes:
+            planner.notes.append(
+                f"A branch of {near[0]}, {section.perimeter:.0f} mm round, leaves it near its ostium, as an extra vein "
+                "does; it was cut off with it, so that they have one ostium on the map."
+            )
+        if beyond or c.rise_mm < EXTRA_RISE_MM:
             continue
         nearest = min(named, key=lambda hole: float(np.linalg.norm(openings[hole].plane.centre - centre)), default="")
         place = f" near {nearest}" if nearest else ""

@@ -109,8 +109,9 @@ def plane_section(surface: Surface, centre: FloatArray, normal: FloatArray) -> S
     """
     side = (surface.points - centre) @ normal
     above = side > 0.0
-    count = above[surface.triangles].sum(axis=1)
-    passed = np.flatnonzero((count > 0) & (count < 3))
+    # Column by column: several times faster than counting along the short axis.
+    first_above, second_above, third_above = (above[surface.triangles[:, k]] for k in range(3))
+    passed = np.flatnonzero((first_above != second_above) | (second_above != third_above))
     if len(passed) == 0:
         return None
     edge = surface.edges.of_triangle[passed]
