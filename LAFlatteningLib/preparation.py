@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from ._version import __version__
 from .anatomy import LEFT_ATRIUM, Anatomy
 from .cavity.clipping import CutPlane
+from .cavity.covers import HOLE_ARRAY
 from .cavity.handles import Handle, remove_handles
 from .cavity.healing import heal
 from .cavity.opening_up import open_up
@@ -157,6 +158,13 @@ def prepare(
         result.repairs += healing
         result.surface, notes = check_surface(healed, handles_allowed=True)
         result.repairs += notes
+        if HOLE_ARRAY in result.surface.point_data:
+            # Covers are cut anew, and the array means nothing on the cavity.
+            kept = {name: values for name, values in result.surface.point_data.items() if name != HOLE_ARRAY}
+            result.surface = replace(result.surface, point_data=kept)
+            result.repairs.append(
+                f'The array "{HOLE_ARRAY}", which marks covers, was left out: openings are found anew.'
+            )
     with watch.stage("handles"):
         # Before remeshing: a handle may be narrower than the new triangles.
         result.surface, result.handles = remove_handles(

@@ -40,7 +40,10 @@ def open_up(
     """
     result = surface
     for opening in plan.extra:
-        result = _covered(clip(result, opening.plane, "the extra vein"), opening.plane.centre)
+        try:
+            result = _covered(clip(result, opening.plane, "the extra vein"), opening.plane.centre)
+        except SurfaceError as error:
+            raise SurfaceError(f"{error} It was planned by rule: leave the vein on (--extra-veins keep).") from error
     cut = {name: opening for name, opening in plan.openings.items() if opening.found_by != "open"}
     for number, (name, opening) in enumerate(cut.items()):
         report(progress, number / len(cut), f"Cutting {name}")

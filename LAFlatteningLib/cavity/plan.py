@@ -307,6 +307,12 @@ def plan_cuts(
             "or segment the veins farther out."
         ) from error
     if recognition is not None:
+        found_at = {hole: c.ostium.line.at(c.ostium.at_mm)[0] for hole, c in named.items()}
+        for hole in (name for name in planes if name in found_at):
+            nearest = min(found_at, key=lambda name: float(np.linalg.norm(found_at[name] - planes[hole].centre)))
+            if nearest != hole:
+                planner.notes.append(f"The plane given for {hole} lies where {nearest} was found; check its name.")
+                recognition = replace(recognition, confidence="low")
         recognition = _checked_for_mirroring(planner, recognition, openings)
     open_at = [opening.plane.centre for opening in openings.values() if opening.found_by == "open"]
     used = {valve} | {
@@ -321,7 +327,15 @@ def plan_cuts(
             f"Covered {len(closed)} opening{'s' if len(closed) > 1 else ''} that {'are' if len(closed) > 1 else 'is'} "
             f"none of the {len(anatomy.openings)}: {describe_loops(surface, closed)}."
         )
+    noted = len(planner.notes)
     extra = _extra_veins(planner, named, openings, candidates, extra_veins)
+    rims = [hole for hole in anatomy.holes if openings[hole].found_by == "open"]
+    if recognition is not None and rims and any("An extra vein" in note for note in planner.notes[noted:]):
+        planner.notes.append(
+            f"Taken from open rims: {', '.join(rims)}; but a closed vein is left over. If one of these rims is a hole "
+            "in the wall, close it, or mark the tip of each vein (--tips)."
+        )
+        recognition = replace(recognition, confidence="low")
     notes = [*(recognition.notes if recognition else ()), *planner.notes]
     return CutPlan(openings, extra, to_cover, recognition, notes)
 
@@ -468,7 +482,8 @@ def _checked_for_mirroring(
             (hole for hole, k in recognition.index.items() if k == recognition.mirrored.get(appendage)), appendage
         )
         ratio = openings[other].perimeter_mm / openings[appendage].perimeter_mm
-        if ratio <= 1.0:
+        # Not a number where a given plane meets nothing; cutting tells that.
+        if not ratio > 1.0:
             continue
         suspicion = (
             f"{other} ({openings[other].perimeter_mm:.0f} mm round) is wider than {appendage} "
@@ -489,6 +504,10 @@ def _given(planner: _Planner, plane: CutPlane) -> PlannedOpening:
     for loop in planner.loops:
         if np.linalg.norm(planner.surface.points[loop].mean(axis=0) - plane.centre) < OWN_OPENING_MM:
             return PlannedOpening(plane, "open", planner.surface.loop_length(loop))
+    if (planner.lumen.centre - plane.centre) @ plane.normal > 0.0:
+        # It would cut the chamber off and leave the vein.
+        plane = CutPlane(plane.centre, -plane.normal)
+        planner.notes.append("The normal of a given plane pointed into the chamber; it was reversed.")
     section = plane_section(planner.closed, plane.centre, plane.normal)
     perimeter = section.perimeter if section is not None and section.around else float("nan")
     return PlannedOpening(plane, "given", perimeter)
@@ -569,7 +588,8 @@ def _extra_veins(
         if id(c) in chosen or tuple(c.tip) in tips or not c.ostium.found:
             continue
         centre, normal, kept = c.ostium.plane_at(0.0)
-        section = plane_section(planner.closed, centre, normal)
+        # On the surface as it will be cut: its open rims stay open.
+        section = plane_section(planner.surface, centre, normal)
         if section is None or not section.around or section.perimeter < SMALLEST_EXTRA_MM:
             continue
         if section.diameter > WIDEST_VEIN_MM:
@@ -577,7 +597,9 @@ def _extra_veins(
         beyond = [
             hole
             for hole, opening in openings.items()
-            if (c.tip - opening.plane.centre) @ opening.plane.normal > 0.0 and _cut_off(planner, opening, c.ostium)
+            if opening.found_by != "open"
+            and (c.tip - opening.plane.centre) @ opening.plane.normal > 0.0
+            and _cut_off(planner, opening, c.ostium)
         ]
         near = [h for h in beyond if np.linalg.norm(centre - openings[h].plane.centre) < NEAR_OSTIUM_MM]
         if near and near[0] in planner.anatomy.holes:

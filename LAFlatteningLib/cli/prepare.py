@@ -7,6 +7,7 @@ import json
 from contextlib import ExitStack
 from pathlib import Path
 
+from ..cavity.clipping import CutPlane
 from ..cavity.label_surface import label_surface
 from ..cavity.plan import KEEP_MM
 from ..cavity.plane_files import read_planes
@@ -17,7 +18,7 @@ from ..files.volumes import VOLUME_SUFFIXES
 from ..preparation import DEFAULT_POINTS, EVEN_POINTS, Preparation, PrepareSettings, prepare
 from ..preparation_figure import draw_preparation
 from ..progress import ProgressCallback, part
-from ..surface import Surface
+from ..surface import FloatArray, Surface
 from .command import Subcommands, add_command, check_distinct
 from .progress import Progress
 
@@ -107,13 +108,13 @@ def read_input(options: argparse.Namespace, progress: ProgressCallback | None) -
     return read_surface(options.input), [], False
 
 
-def prepare_input(
-    options: argparse.Namespace, into: Preparation, settings: PrepareSettings, progress: ProgressCallback | None
-) -> None:
-    """Prepare the raw surface of a preparation as the options say."""
-    tips = read_seeds(options.tips, into.raw.space) if options.tips else None
-    planes = read_planes(options.planes, into.raw.space) if options.planes else None
-    prepare(into.raw, settings, tips=tips, planes=planes, into=into, progress=progress)
+def read_given(
+    options: argparse.Namespace, space: str
+) -> tuple[dict[str, FloatArray] | None, dict[str, CutPlane] | None]:
+    """Tips and planes of the user, in the axes of the surface; read before anything is written."""
+    tips = read_seeds(options.tips, space) if options.tips else None
+    planes = read_planes(options.planes, space) if options.planes else None
+    return tips, planes
 
 
 def run(options: argparse.Namespace, progress: Progress) -> None:
@@ -129,11 +130,14 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
         check_writable(path)
     progress(0.0, "Reading")
     surface, notes, is_label_map = read_input(options, part(progress, 0.0, 0.2))
+    tips, planes = read_given(options, surface.space)
+    settings = settings_of(options, is_label_map)
     preparation = Preparation(surface, repairs=notes)
     try:
-        prepare_input(options, preparation, settings_of(options, is_label_map), part(progress, 0.2, 0.8))
+        prepare(surface, settings, tips=tips, planes=planes, into=preparation, progress=part(progress, 0.2, 0.8))
     except LAFlatteningError as error:
-        if options.report:
+        # The planes that the user gave are not replaced by a report that has none.
+        if options.report and options.report != options.planes:
             write_report(preparation, options.report, str(error))
         raise
     with ExitStack() as files:

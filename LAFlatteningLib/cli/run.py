@@ -19,17 +19,17 @@ from ..gaps import find_gaps
 from ..gaps.figures import draw_gaps
 from ..gaps.search_areas import SEARCH_MM
 from ..map_data import MapData
-from ..preparation import Preparation
+from ..preparation import Preparation, prepare
 from ..progress import part
 from ..projection import project
 from ..run_report import write_run_report
 from ..surface import Surface
-from ..template import DEFAULT_TEMPLATE, builtin_templates
+from ..template import DEFAULT_TEMPLATE, Template, builtin_templates
 from ..volume import Volume
 from .command import Subcommands, add_command, report_map, write_map
 from .prepare import (
     add_input_options,
-    prepare_input,
+    read_given,
     read_input,
     report_preparation,
     settings_of,
@@ -88,10 +88,16 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
     progress(0.0, "Reading")
     surface, notes, is_label_map = read_input(options, part(progress, 0.0, 0.1))
     settings = settings_of(options, is_label_map)
+    tips, planes = read_given(options, surface.space)
+    template = Template.load(options.template)
     volume = read_volume(options.volume) if options.volume else None
     second = MapData.of(read_surface(options.second), options.template) if options.second else None
+    if second is not None:
+        second.point_values(options.second_array or options.array or ARRAY)
     for path in files.values():
-        if path.resolve() in {Path(given).resolve() for given in (options.input, options.second) if given}:
+        if path.resolve() in {
+            Path(given).resolve() for given in (options.input, options.volume, options.second) if given
+        }:
             raise InputFileError(f'"{path}" is both read and written. Choose another folder for --output.')
         check_writable(path, make_folder=True)
     # What lies there from an earlier run must not be taken for this one's.
@@ -100,13 +106,13 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
     preparation = Preparation(surface, repairs=notes)
     pool = None
     try:
-        prepare_input(options, preparation, settings, part(progress, 0.1, 0.45))
+        prepare(surface, settings, tips=tips, planes=planes, into=preparation, progress=part(progress, 0.1, 0.45))
         if volume is not None:
             pool = _project(preparation, volume)
         with ExitStack() as written:
             write_cavity(preparation, files["cavity.vtp"], files["seeds.mrk.json"], written)
         assert preparation.cavity is not None
-        flattener = Flattener(preparation.cavity, options.template, options.method, check_axes=not options.ignore_axes)
+        flattener = Flattener(preparation.cavity, template, options.method, check_axes=not options.ignore_axes)
         flat_map = flattener.flatten(preparation.seeds, part(progress, 0.45, 0.7))
         write_map(flat_map, files["map.vtp"], files["metrics.json"], files["figure.png"], None, progress)
         if volume is not None:

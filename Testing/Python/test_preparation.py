@@ -180,6 +180,30 @@ def test_planes_of_the_user_are_taken(closed, prepared):
     assert np.abs((only.cavity.points[only.rims["LSPV"]] - given["LSPV"].centre) @ axis).max() < 1e-6
 
 
+def test_given_planes_are_doubted_where_they_look_wrong(closed, prepared):
+    planes = {name: opening.plane for name, opening in prepared.plan.openings.items()}
+    reversed_one = planes | {"RSPV": CutPlane(planes["RSPV"].centre, -planes["RSPV"].normal)}
+    again = prepare(closed.surface, AS_IT_IS, planes=reversed_one)
+    assert any("reversed" in note for note in again.notes)
+    assert again.cavity.area == pytest.approx(prepared.cavity.area, rel=1e-3)
+    with pytest.raises(SeedError, match="do not follow each other"):
+        prepare(closed.surface, AS_IT_IS, planes={"RSPV": planes["RIPV"], "RIPV": planes["RSPV"]})
+    doubted = prepare(closed.surface, AS_IT_IS, planes={"LSPV": planes["LIPV"], "LIPV": planes["LSPV"]})
+    assert doubted.plan.confidence == "low"
+    assert any("check its name" in note for note in doubted.notes)
+
+
+def test_planes_of_the_folder_itself_can_be_given_again(files):
+    """Files that are read are read before old results are taken away."""
+    folder = files / "out"
+    base = ["run", str(files / "raw.vtp"), "--points", "0", "--output", str(folder)]
+    assert main(base) == 0
+    assert main([*base, "--planes", str(folder / "prepare.json")]) == 0
+    assert json.loads((folder / "prepare.json").read_text())["confidence"] == "given"
+    assert main([*base, "--template", "nosuch"]) == 2
+    assert (folder / "map.vtp").exists()
+
+
 def test_more_or_less_vein_is_kept(closed):
     short = prepare(closed.surface, replace(AS_IT_IS, pv_length_mm=1.0))
     long = prepare(closed.surface, replace(AS_IT_IS, pv_length_mm=6.0, laa_length_mm=1.0))
