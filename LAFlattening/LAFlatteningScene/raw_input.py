@@ -10,7 +10,7 @@ import vtk
 from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 
 from LAFlatteningLib import Surface, SurfaceError
-from LAFlatteningLib.cavity.label_surface import label_surface
+from LAFlatteningLib.cavity.label_surface import denoised_label_surface
 from LAFlatteningLib.progress import ProgressCallback
 from LAFlatteningLib.volume import Volume
 
@@ -160,7 +160,7 @@ def _labelSurface(
     spacing = np.linalg.norm(axes, axis=0)
     first = matrix @ (extent[0], extent[2], extent[4], 1.0)
     values = vtk_to_numpy(image.GetPointData().GetScalars()).reshape(image.GetDimensions()[::-1])
-    found = label_surface(Volume(values, spacing, LPS_TO_RAS * first[:3], axes / spacing), label, progress)
+    found = denoised_label_surface(Volume(values, spacing, LPS_TO_RAS * first[:3], axes / spacing), label, progress)
     points = vtk.vtkPoints()
     points.SetDataTypeToDouble()
     points.SetData(numpy_to_vtk(found.surface.points * LPS_TO_RAS, deep=True))

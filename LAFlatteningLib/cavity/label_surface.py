@@ -16,7 +16,7 @@ fair surface design" (the filter, which does not shrink).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -374,3 +374,28 @@ def _refined(surface: Surface) -> Surface:
     subdivide.Update()
     mesh = Surface.from_polydata(subdivide.GetOutput())
     return Surface(mesh.points.copy(), mesh.triangles.copy(), space=surface.space)
+
+
+NOISY_HANDLES = 4
+"""Veins touch in a place or two; a label with so many handles is ragged by noise."""
+
+
+def denoised_label_surface(
+    volume: Volume, label: int | None = None, progress: ProgressCallback | None = None
+) -> LabelSurface:
+    """As `label_surface`, but a label with `NOISY_HANDLES` or more is smoothed first: the majority of 27 voxels.
+
+    Handles of noise are thinner than a voxel is wide and cannot be cut one by one. A label with fewer stays as it is,
+    so that places where veins touch are cut and told one by one (`handles.remove_handles`).
+    """
+    made = label_surface(volume, label, progress)
+    if made.surface.genus < NOISY_HANDLES:
+        return made
+    chosen = volume.values != 0 if label is None else volume.values == label
+    majority = ndimage.uniform_filter(chosen.astype(np.float32), 3) > 0.5
+    smooth = label_surface(Volume(majority.astype(np.uint8), volume.spacing, volume.origin, volume.direction))
+    note = (
+        f"The label is ragged (its surface would have {made.surface.genus} handles): each voxel took the value of most "
+        "of the 27 about it."
+    )
+    return replace(smooth, notes=(note, *smooth.notes))

@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from ..cavity.clipping import CutPlane
-from ..cavity.label_surface import label_surface
+from ..cavity.label_surface import denoised_label_surface
 from ..cavity.plan import KEEP_MM
 from ..cavity.plane_files import read_planes
 from ..errors import InputFileError, LAFlatteningError
@@ -101,7 +101,7 @@ def settings_of(options: argparse.Namespace, is_label_map: bool) -> PrepareSetti
 def read_input(options: argparse.Namespace, progress: ProgressCallback | None) -> tuple[Surface, list[str], bool]:
     """The surface of the input, notes on how it was made, and whether the input is a label map."""
     if Path(options.input).name.lower().endswith(VOLUME_SUFFIXES):
-        made = label_surface(read_volume(options.input), options.label, progress)
+        made = denoised_label_surface(read_volume(options.input), options.label, progress)
         return made.surface, list(made.notes), True
     if options.label is not None:
         raise InputFileError("--label chooses a value of a label map, but the input is a surface: leave it out.")

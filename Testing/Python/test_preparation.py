@@ -12,7 +12,7 @@ from LAFlatteningLib.anatomy import LEFT_ATRIUM
 from LAFlatteningLib.carrying import closest_points
 from LAFlatteningLib.cavity.clipping import CutPlane, clip
 from LAFlatteningLib.cavity.covers import close_rims
-from LAFlatteningLib.cavity.label_surface import label_surface
+from LAFlatteningLib.cavity.label_surface import denoised_label_surface, label_surface
 from LAFlatteningLib.cavity.lumen import Lumen
 from LAFlatteningLib.cavity.ostia import find_ostium
 from LAFlatteningLib.cavity.plane_files import read_planes
@@ -547,3 +547,23 @@ def test_run_with_an_image_measures_fibrosis_and_gaps(tmp_path, capsys):
     assert main(again) == 0
     comparison = json.loads((tmp_path / "two" / "comparison.json").read_text())
     assert comparison["parts"][0]["pearson"] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_label_ragged_by_noise_is_smoothed_first():
+    """Noise of a voxel makes handles thinner than voxels; the openings stay where they are without it."""
+    from scipy import ndimage
+
+    clean = Volume.from_image(make_label_map(left_atrium_shape(), (1.2, 1.2, 1.2)))
+    inside = clean.values > 0
+    depth = ndimage.distance_transform_edt(inside) - ndimage.distance_transform_edt(~inside)
+    noise = ndimage.gaussian_filter(np.random.default_rng(1).normal(size=depth.shape), 0.8)
+    ragged = replace(clean, values=(depth + noise / noise.std() > 0).astype(np.uint8))
+    assert label_surface(ragged).surface.genus >= 4
+    found = denoised_label_surface(ragged)
+    assert found.surface.genus == 0
+    assert "ragged" in found.notes[0]
+    result = prepare(found.surface, PrepareSettings(points=6000))
+    for name in HOLES:
+        rim = result.cavity.points[result.rims[name]]
+        assert np.linalg.norm(rim.mean(axis=0) - rim_place(left_atrium_shape(), name)) < 4.0
+    assert denoised_label_surface(clean).notes == label_surface(clean).notes
