@@ -125,8 +125,8 @@ def find_ostium(surface: Surface, lumen: Lumen, tip: FloatArray, neck: bool = Fa
     tip : (3,) mm, on the surface at the end of the tube.
     neck : look for a neck (appendage).
 
-    Source: slope of the largest diameter as in the published method (facts of Nunez-Garcia et al.; there a growth of
-    more than 5 once, or of more than 1.2 over 5 % of the sections, from the tip); envelope and last run are ours.
+    Source: slope of the largest diameter as published by Nunez-Garcia et al. (there a growth of more than 5 once, or of
+    more than 1.2 over 5 % of the sections, from the tip); envelope, funnels and neck are ours.
     """
     line = centreline(lumen, tip)
     diameters = _diameters(surface, line)

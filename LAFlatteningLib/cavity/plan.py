@@ -122,7 +122,7 @@ class _Planner:
 
     def __post_init__(self) -> None:
         self.loops = self.surface.boundary_loops
-        self.closed = _fan_closed(self.surface, self.loops)
+        self.closed = Surface(*self.surface.capped, space=self.surface.space)
         self.lumen = Lumen(self.closed)
 
     # ---- candidates ----------------------------------------------------------------------------------------------
@@ -626,15 +626,3 @@ def _cut_off(planner: _Planner, opening: PlannedOpening, ostium: Ostium) -> bool
     """Whether the way from a tip into the body passes through an opening: the tip is on a branch beyond it."""
     section = plane_section(planner.closed, opening.plane.centre, opening.plane.normal)
     return section is not None and section.encloses(ostium.line.points)
-
-
-def _fan_closed(surface: Surface, loops: Sequence[IntArray]) -> Surface:
-    """The surface with a cone over each rim: enough to say what is inside."""
-    if not loops:
-        return replace(surface, point_data={}, cell_data={}, field_data={})
-    n = len(surface.points)
-    middles = np.array([surface.points[loop].mean(axis=0) for loop in loops])
-    fans = [np.column_stack([np.roll(loop, -1), loop, np.full(len(loop), n + k)]) for k, loop in enumerate(loops)]
-    return Surface(
-        np.concatenate([surface.points, middles]), np.concatenate([surface.triangles, *fans]), space=surface.space
-    )
