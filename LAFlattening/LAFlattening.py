@@ -18,6 +18,7 @@ from slicer import (
     vtkMRMLLabelMapVolumeNode,
     vtkMRMLMarkupsFiducialNode,
     vtkMRMLModelNode,
+    vtkMRMLScalarVolumeNode,
     vtkMRMLSegmentationNode,
     vtkMRMLTableNode,
 )
@@ -31,6 +32,7 @@ if importlib.util.find_spec("LAFlatteningLib") is None:
     sys.path.append(str(Path(__file__).resolve().parents[1]))
 
 from LAFlatteningScene import views
+from LAFlatteningScene.analysis_logic import DEFAULT_THRESHOLDS, AnalysisLogic
 from LAFlatteningScene.colouring import CELL_DATA, POINT_DATA, ArrayChoice, colourBy, colourChoices, colouredBy
 from LAFlatteningScene.export import exportMap
 from LAFlatteningScene.linked_views import LinkedViews
@@ -44,6 +46,7 @@ from LAFlatteningScene.seed_logic import SeedLogic
 from LAFlatteningScene.seed_nodes import seedPositions
 from LAFlatteningScene.surface_nodes import Settings, SurfaceCache
 from LAFlatteningWidgets import (
+    AnalyseSection,
     ExportSection,
     InputSection,
     MapSection,
@@ -55,7 +58,10 @@ from LAFlatteningWidgets import (
 
 from LAFlatteningLib import builtin_templates
 from LAFlatteningLib.cavity.plan import KEEP_MM
+from LAFlatteningLib.fibrosis import DIRECTIONS, RULES
 from LAFlatteningLib.flattening import METHODS
+from LAFlatteningLib.parcellation import builtin_parcellations
+from LAFlatteningLib.projection import DEPTH_MM, SIDES, STATISTICS
 
 
 @parameterNodeWrapper
@@ -82,6 +88,17 @@ class LAFlatteningParameterNode:
     showColourBar : values and colours beside the map.
     showOpenings : the covers of the openings on the atrium, on which seeds of veins and appendage are placed.
     linkCursor : pointing at one shows the same place on the other.
+    volume : the image that is projected onto the wall, and in which blood is measured.
+    projectLive : the projection follows image, depth, side and statistic.
+    projectionDepth : mm along the normal.
+    projectionSide : "both" sides of the wall, "in" or "out".
+    projectionStatistic : "max" or "mean".
+    analysisArray : array of the atrium that is measured and compared.
+    rule, ruleThresholds, ruleDirection : how classes are told apart, see `LAFlatteningLib.Rule`; numbers as typed.
+    bloodRegion : where blood is; the inside of the atrium if none is chosen.
+    parcellation : further parts that are measured; "none" or a built-in one.
+    gapThresholds : of scar, as typed.
+    otherMap, otherArray : what is compared with; an empty array is the same as `analysisArray`.
     exportDirectory : where files are written; "." until one is chosen.
     """
 
@@ -106,16 +123,30 @@ class LAFlatteningParameterNode:
     showColourBar: bool = True
     showOpenings: bool = True
     linkCursor: bool = True
+    volume: vtkMRMLScalarVolumeNode
+    projectLive: bool = True
+    projectionDepth: Annotated[float, WithinRange(0.5, 10.0)] = DEPTH_MM
+    projectionSide: Annotated[str, Choice(SIDES)] = "both"
+    projectionStatistic: Annotated[str, Choice(STATISTICS)] = "max"
+    analysisArray: str = ""
+    rule: Annotated[str, Choice(RULES)] = "iir"
+    ruleThresholds: str = DEFAULT_THRESHOLDS["iir"]
+    ruleDirection: Annotated[str, Choice(DIRECTIONS)] = "above"
+    bloodRegion: Union[vtkMRMLLabelMapVolumeNode, vtkMRMLSegmentationNode]  # noqa: UP007
+    parcellation: Annotated[str, Choice(("none", *builtin_parcellations()))] = "none"
+    gapThresholds: str = ""
+    otherMap: vtkMRMLModelNode
+    otherArray: str = ""
     exportDirectory: Path
 
 
-class LAFlatteningLogic(ScriptedLoadableModuleLogic, SeedLogic, PrepareLogic):  # noqa: F405
+class LAFlatteningLogic(ScriptedLoadableModuleLogic, SeedLogic, PrepareLogic, AnalysisLogic):  # noqa: F405
     """What the module does, on MRML nodes; usable from the console.
 
     Positions are RAS, mm, world coordinates: parent transforms of surface and seeds count, nonlinear ones too.
     Errors of the library (`LAFlatteningLib.errors`) pass through unchanged. What it does with seeds
     (create, place, snap, check) is in `LAFlatteningScene.seed_logic`, how it makes an atrium of a raw one in
-    `LAFlatteningScene.prepare_logic`.
+    `LAFlatteningScene.prepare_logic`, what it reads off a map in `LAFlatteningScene.analysis_logic`.
 
     Attributes
     ----------
@@ -424,13 +455,14 @@ class LAFlatteningWidget(ScriptedLoadableModuleWidget, Panel):  # noqa: F405
         uiWidget.setMRMLScene(slicer.mrmlScene)
         self.logic = LAFlatteningLogic()
         self.inputs, self.seeds, self.map = InputSection(self), SeedSection(self), MapSection(self)
-        self.prepare = PrepareSection(self)
+        self.prepare, self.analyse = PrepareSection(self), AnalyseSection(self)
         self.sections = (
             self.prepare,
             self.inputs,
             self.seeds,
             self.map,
             QualitySection(self),
+            self.analyse,
             ExportSection(self),
         )
         self.observeScene()

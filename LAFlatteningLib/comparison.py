@@ -151,6 +151,14 @@ class Comparison:
         grid[self.row, self.column] = values
         return grid
 
+    def at(self, positions: FloatArray, values: NDArray) -> FloatArray:
+        """Values (k,) at the places, read at other positions (n, 2) on the map from the nearest place; (n,), NaN where
+        there is none."""
+        radius = self.template.radius
+        steps = (positions - np.asarray(self.template.outer.shape.centre) + radius) * (GRID / (2.0 * radius))
+        column, row = np.clip(np.floor(steps).astype(np.int64), 0, GRID - 1).T
+        return self.picture(values)[row, column]
+
     def to_dict(self) -> dict[str, Any]:
         """For JSON (see Docs/formats.md)."""
         return {

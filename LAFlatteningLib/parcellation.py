@@ -8,7 +8,7 @@ with coordinates of its own names the one template that it is drawn on, and is r
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -224,6 +224,28 @@ class Parcellation:
                 "or the path of a parcellation file (.json)."
             )
         return cls.from_dict(load_json(path))
+
+
+def parcels_of(
+    flat_map: FlatMap | MapData, names_or_paths: Sequence[str | Path]
+) -> dict[str, tuple[IntArray, dict[int, str]]]:
+    """The parts of parcellations on a map, as `fibrosis.measure_fibrosis` takes them.
+
+    Returns
+    -------
+    Name of a group -> label of each triangle (m,), and label -> name. Each part of a parcellation whose parts overlap
+    is a group of its own.
+    """
+    parcels = {}
+    for name in names_or_paths:
+        parcellation = Parcellation.load(name)
+        if parcellation.overlapping:
+            for part in parcellation.parts:
+                labels = parcellation.labels_of(flat_map, part.name).cells
+                parcels[f"{parcellation.name}_{part.name}"] = (labels, {part.label: part.name})
+        else:
+            parcels[parcellation.name] = (parcellation.labels_of(flat_map).cells, parcellation.names)
+    return parcels
 
 
 @cache

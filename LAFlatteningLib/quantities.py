@@ -2,22 +2,41 @@
 
 from __future__ import annotations
 
-UNITS = {
-    "LAT": "ms",
-    "Bipolar": "mV",
-    "Unipolar": "mV",
-    "Impedance": "Ohm",
-    "Force": "g",
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+KNOWN_UNITS = {
+    r".*(bipolar|unipolar|voltage).*": "mV",
+    r"lat|.*activation.?time.*": "ms",
+    r"impedance": "Ohm",
+    r"(contact.?)?force": "g",
 }
-"""Array name -> unit; the readers of electroanatomical maps give these names, whatever the file calls them."""
+"""Pattern of an array's name -> unit. The readers of electroanatomical maps give the names Bipolar, Unipolar, LAT,
+Impedance and Force, whatever the file calls them; other programs call them otherwise."""
+NO_VALUE = -10000.0
+"""What CARTO exports where nothing was measured, and readers of other programs keep."""
 
 
 def unit_of(name: str) -> str:
-    """The unit of a point array by its name, in upper or lower case; empty where it is not known.
+    """The unit of an array by its name, in upper or lower case; empty where it is not known.
 
     Examples
     --------
-    >>> unit_of("bipolar"), unit_of("scar")
-    ('mV', '')
+    >>> unit_of("bipolar"), unit_of("Bipolar voltage"), unit_of("scar")
+    ('mV', 'mV', '')
     """
-    return {known.lower(): unit for known, unit in UNITS.items()}.get(name.strip().lower(), "")
+    units = (unit for pattern, unit in KNOWN_UNITS.items() if re.fullmatch(pattern, name.strip(), re.IGNORECASE))
+    return next(units, "")
+
+
+def is_voltage(name: str) -> bool:
+    """Whether an array holds voltages, of which low ones are diseased."""
+    return unit_of(name) == "mV"
+
+
+def measured(values: NDArray) -> NDArray[np.float64]:
+    """Values as float64, NaN where nothing was measured."""
+    values = np.asarray(values, np.float64)
+    return np.where(np.isfinite(values) & (values != NO_VALUE), values, np.nan)

@@ -27,6 +27,7 @@ from scipy.ndimage import distance_transform_edt
 
 from .anatomy import Anatomy
 from .errors import LAFlatteningError
+from .quantities import unit_of
 from .surface import Surface
 
 if TYPE_CHECKING:
@@ -71,13 +72,6 @@ DEFAULT_ARRAYS = (r"lge", r"scalars", r".*(bip|voltage).*")
 """What is shown if nothing is named, by preference: patterns of point array names, upper and lower case alike."""
 REVERSED_ARRAYS = r".*(bipolar|unipolar|voltage|activation).*|lat"
 """Arrays of which low values are drawn warm, likewise."""
-KNOWN_UNITS = {
-    r".*(bipolar|unipolar|voltage).*": "mV",
-    r"lat|.*activation.?time.*": "ms",
-    r"impedance": "Ω",
-    r"(contact.?)?force": "g",
-}
-"""Units in which mapping systems export, for arrays that do not name theirs."""
 MAX_CLASSES = 8
 """An array of whole numbers with no more different values than this is drawn as classes."""
 
@@ -489,5 +483,4 @@ def label_of(name: str) -> str:
         return name
     if suffix := re.fullmatch(r"(.+)_(mm2?|ms|mV|percent)", name):
         return f"{suffix[1].replace('_', ' ')} ({suffix[2].replace('percent', '%')})"
-    units = (unit for pattern, unit in KNOWN_UNITS.items() if re.fullmatch(pattern, name, re.IGNORECASE))
-    return f"{name} ({next(units, 'a.u.')})"
+    return f"{name} ({unit_of(name) or 'a.u.'})"

@@ -18,6 +18,7 @@ from .live_update import surfaceMoved
 from .map_nodes import belongsTo, settingsOf
 from .openings import hideOpenings, openingsNode, showOpenings
 from .overlay import overlayOf, updateOverlay
+from .result_nodes import drawnOnMap, resultsOf
 from .seed_nodes import seedPositions
 from .surface_nodes import Settings
 from .views import ATRIUM_VIEW, MAP_VIEW, MapView, Visibility, threeDView, viewNode
@@ -52,6 +53,7 @@ class LinkedViews(VTKObservationMixin):
         self._surface: slicer.vtkMRMLModelNode | None = None
         self._map: slicer.vtkMRMLModelNode | None = None
         self._settings: Settings | None = None
+        self._drawn: tuple[str, ...] = ()
         self._busy = False
         self._visibility.start()
         scene = slicer.mrmlScene
@@ -107,7 +109,8 @@ class LinkedViews(VTKObservationMixin):
             for node, visible in zip(overlay, (p.showTemplate, p.showLabels), strict=True):
                 if bool(node.GetDisplayNode().GetVisibility()) != visible:
                     node.GetDisplayNode().SetVisibility(visible)
-            onMap = [mapNode, *overlay]
+            onMap = [mapNode, *overlay, *drawnOnMap(mapNode)]
+            self._drawn = _displaysOn(mapNode)
             updateColourBar(mapNode, p.showColourBar)
         if self.cursor is not None:
             onMap.append(self.cursor.markers["map"])
@@ -173,11 +176,14 @@ class LinkedViews(VTKObservationMixin):
         self._colours = DisplayLink(surface, mapNode)
         if p.linkCursor:
             self.cursor = LinkedCursor(surface, mapNode, diameter, atriumView, mapView, self._onReadout)
-            self._visibility.setMapNodes([mapNode, *updateOverlay(mapNode), self.cursor.markers["map"]])
+            onMap = [mapNode, *updateOverlay(mapNode), *drawnOnMap(mapNode), self.cursor.markers["map"]]
+            self._visibility.setMapNodes(onMap)
 
     def _onMap(self, _caller: object = None, _event: object = None) -> None:
-        """The map was made anew: with another template or diameter, frame and overlay change."""
-        if self._busy or _alive(self._map) is None or settingsOf(self._map) == self._settings:
+        """The map was made anew: with another template or diameter, frame and overlay change. Or there are results."""
+        if self._busy or _alive(self._map) is None:
+            return
+        if settingsOf(self._map) == self._settings and _displaysOn(self._map) == self._drawn:
             return
         self.update()
 
@@ -206,9 +212,15 @@ class LinkedViews(VTKObservationMixin):
                 slicer.mrmlScene.RemoveNode(belonging)
 
 
+def _displaysOn(mapNode: slicer.vtkMRMLModelNode) -> tuple[str, ...]:
+    """Which results are drawn on a map."""
+    return tuple(node.GetDisplayNodeID() or "" for node in drawnOnMap(mapNode))
+
+
 def _putAway(mapNode: slicer.vtkMRMLModelNode) -> None:
     """Hide a map that is no longer chosen: outside the map view it would lie about in that of the atrium."""
-    shown = [node for node in (mapNode, *overlayOf(mapNode)) if node is not None and node.GetDisplayNode() is not None]
+    belonging = (mapNode, *overlayOf(mapNode), *drawnOnMap(mapNode))
+    shown = [node for node in belonging if node is not None and node.GetDisplayNode() is not None]
     if shown and mapNode.GetScene() is not None and mapNode.GetDisplayVisibility():
         mapNode.SetAttribute(PUT_AWAY, "1")
         for node in shown:
@@ -219,12 +231,13 @@ def _takeOut(mapNode: slicer.vtkMRMLModelNode) -> None:
     """Show a map again that was put away, and no other: the user may have hidden it."""
     if mapNode.GetAttribute(PUT_AWAY):
         mapNode.RemoveAttribute(PUT_AWAY)
-        mapNode.SetDisplayVisibility(True)
+        for node in (mapNode, *drawnOnMap(mapNode)):
+            node.SetDisplayVisibility(True)
 
 
 def belongingsOf(node: slicer.vtkMRMLModelNode) -> list[slicer.vtkMRMLNode]:
-    """What is shown with an atrium or a map and has no meaning without it: overlay, covers, colour bar."""
-    found = [*overlayOf(node), openingsNode(node), colourBarOf(node)]
+    """What has no meaning without an atrium or a map: overlay, covers, colour bar, results."""
+    found = [*overlayOf(node), openingsNode(node), colourBarOf(node), *resultsOf(node)]
     return [node for node in found if node is not None and node.GetScene() is not None]
 
 

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 import slicer
-import vtk
-from vtk.util.numpy_support import numpy_to_vtk
 
 from LAFlatteningLib import FlatMap, distortion
+
+from .result_nodes import fillTableNode
 
 METRICS_ROLE, REGIONS_ROLE = "LAFlattening.metrics", "LAFlattening.regions"
 HISTOGRAM_ROLE = "LAFlattening.histogram"
@@ -57,11 +57,11 @@ def writeQuality(mapNode: ModelNode, flatMap: FlatMap, diskDiameter: float) -> l
     """Make or update the tables and plots of a map; returns all of their nodes."""
     metrics = _node(mapNode, METRICS_ROLE, "vtkMRMLTableNode", "metrics")
     columns = zip(*metricRows(flatMap, diskDiameter), strict=True)
-    _fill(metrics, dict(zip(("Quantity", "Value", "Unit"), columns, strict=True)))
+    fillTableNode(metrics, dict(zip(("Quantity", "Value", "Unit"), columns, strict=True)))
     regions = _node(mapNode, REGIONS_ROLE, "vtkMRMLTableNode", "regions")
-    _fill(regions, regionColumns(flatMap))
+    fillTableNode(regions, regionColumns(flatMap))
     histogram = _node(mapNode, HISTOGRAM_ROLE, "vtkMRMLTableNode", "distortion histogram")
-    _fill(histogram, histogramColumns(flatMap))
+    fillTableNode(histogram, histogramColumns(flatMap))
     charts = [
         *_chart(mapNode, histogram, AREA_ROLE, "area ratio", AREA_BIN, AREA_SHARE, (0.93, 0.53, 0.4)),
         *_chart(mapNode, histogram, ISOTROPY_ROLE, "isotropy", ISOTROPY_BIN, ISOTROPY_SHARE, (0.3, 0.5, 0.75)),
@@ -124,22 +124,6 @@ def _node(mapNode: ModelNode, role: str, className: str, what: str) -> slicer.vt
         node = scene.AddNewNodeByClass(className, scene.GenerateUniqueName(f"{mapNode.GetName()} {what}"))
         mapNode.SetNodeReferenceID(role, node.GetID())
     return node
-
-
-def _fill(node: slicer.vtkMRMLTableNode, columns: dict[str, list[str] | np.ndarray]) -> None:
-    table = vtk.vtkTable()
-    for name, values in columns.items():
-        if isinstance(values, np.ndarray):
-            array = numpy_to_vtk(values, deep=True)
-        else:
-            array = vtk.vtkStringArray()
-            for value in values:
-                array.InsertNextValue(value)
-        array.SetName(name)
-        table.AddColumn(array)
-    node.SetAndObserveTable(table)
-    node.SetUseColumnTitleAsColumnHeader(True)
-    node.SetLocked(True)
 
 
 def _chart(

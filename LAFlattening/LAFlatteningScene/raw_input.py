@@ -12,11 +12,10 @@ from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from LAFlatteningLib import Surface, SurfaceError
 from LAFlatteningLib.cavity.label_surface import denoised_label_surface
 from LAFlatteningLib.progress import ProgressCallback
-from LAFlatteningLib.volume import Volume
 
+from .image_input import LPS_TO_RAS, imageVolume
 from .surface_nodes import toWorld
 
-LPS_TO_RAS = np.array([-1.0, -1.0, 1.0])
 MOST_STRUCTURES = 256
 """An image with more different values is no label map; none of them is offered."""
 BINARY, CLOSED = (
@@ -154,13 +153,7 @@ def _labelSurface(
     progress: ProgressCallback | None,
 ) -> tuple[Surface, list[str]]:
     """The surface of a label of an image whose indices become RAS by a matrix."""
-    matrix = slicer.util.arrayFromVTKMatrix(toRas)
-    extent = image.GetExtent()
-    axes = LPS_TO_RAS[:, None] * matrix[:3, :3]
-    spacing = np.linalg.norm(axes, axis=0)
-    first = matrix @ (extent[0], extent[2], extent[4], 1.0)
-    values = vtk_to_numpy(image.GetPointData().GetScalars()).reshape(image.GetDimensions()[::-1])
-    found = denoised_label_surface(Volume(values, spacing, LPS_TO_RAS * first[:3], axes / spacing), label, progress)
+    found = denoised_label_surface(imageVolume(image, slicer.util.arrayFromVTKMatrix(toRas)), label, progress)
     points = vtk.vtkPoints()
     points.SetDataTypeToDouble()
     points.SetData(numpy_to_vtk(found.surface.points * LPS_TO_RAS, deep=True))

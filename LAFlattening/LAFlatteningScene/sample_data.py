@@ -11,6 +11,7 @@ from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from LAFlatteningLib import LEFT_ATRIUM, make_phantom
 from LAFlatteningLib.phantom import make_lge_volume
 
+from .colouring import rampColours
 from .map_nodes import groupNodes
 from .seed_nodes import createSeedsNode, setPositions
 
@@ -42,7 +43,7 @@ def loadSample(points: int = 20000) -> tuple[slicer.vtkMRMLNode, ...]:
     display = surface.GetDisplayNode()
     display.SetBackfaceCulling(False)
     display.SetActiveScalar(SHOWN_ARRAY, vtk.vtkAssignAttribute.POINT_DATA)
-    display.SetAndObserveColorNodeID(_colours().GetID())
+    display.SetAndObserveColorNodeID(rampColours(scene, COLOURS_NAME, COLOURS).GetID())
     display.SetScalarRangeFlag(display.UseManualScalarRange)
     display.SetScalarRange(*np.percentile(phantom.surface.point_data[SHOWN_ARRAY], [1, 99]).round(1))
     display.SetScalarVisibility(True)
@@ -51,23 +52,6 @@ def loadSample(points: int = 20000) -> tuple[slicer.vtkMRMLNode, ...]:
     volume = _volume(make_lge_volume(phantom.shape))
     groupNodes(surface, [seeds])
     return surface, seeds, volume
-
-
-def _colours() -> slicer.vtkMRMLColorTableNode:
-    """The colour table of the sample; one for all samples of a scene."""
-    scene = slicer.mrmlScene
-    node = scene.GetFirstNode(COLOURS_NAME, "vtkMRMLColorTableNode")
-    if node is not None:
-        return node
-    node = scene.AddNewNodeByClass("vtkMRMLColorTableNode", COLOURS_NAME)
-    node.SetTypeToUser()
-    node.SetNumberOfColors(256)
-    anchors, at = np.array(COLOURS), np.linspace(0.0, len(COLOURS) - 1.0, 256)
-    for k in range(256):
-        colour = [float(np.interp(at[k], range(len(COLOURS)), anchors[:, channel])) for channel in range(3)]
-        node.SetColor(k, f"{k}", *colour, 1.0)
-    node.GetLookupTable().SetTableRange(0, 255)
-    return node
 
 
 def _volume(image: sitk.Image) -> slicer.vtkMRMLScalarVolumeNode:

@@ -4,6 +4,7 @@ A section holds no state of its own: what it shows follows from the parameter no
 only part of the module, with the Widget class itself, that knows qt.
 """
 
+from .analyse_section import AnalyseSection
 from .export_section import ExportSection
 from .input_section import InputSection
 from .map_section import MapSection
@@ -12,4 +13,13 @@ from .prepare_section import PrepareSection
 from .quality_section import QualitySection
 from .seed_section import SeedSection
 
-__all__ = ["ExportSection", "InputSection", "MapSection", "Panel", "PrepareSection", "QualitySection", "SeedSection"]
+__all__ = [
+    "AnalyseSection",
+    "ExportSection",
+    "InputSection",
+    "MapSection",
+    "Panel",
+    "PrepareSection",
+    "QualitySection",
+    "SeedSection",
+]

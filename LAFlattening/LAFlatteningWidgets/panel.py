@@ -34,6 +34,7 @@ class Panel(VTKObservationMixin):
         if self.parameterNode is not None:
             self.logic.stopLiveUpdate()
             self.logic.stopCutPreview()
+            self.logic.stopLiveProjection()
             self.logic.unlinkViews()
             self.parameterNode.disconnectGui(self._guiTag)
             self.removeObserver(self.parameterNode, vtk.vtkCommand.ModifiedEvent, self.onParametersModified)
@@ -46,6 +47,7 @@ class Panel(VTKObservationMixin):
             self.logic.linkViews(parameterNode, self.onReadout, self.onColours)
             self.logic.startLiveUpdate(parameterNode, qt.QTimer.singleShot, self.onReport)
             self.logic.startCutPreview(parameterNode, qt.QTimer.singleShot, self.onCuts)
+            self.logic.startLiveProjection(parameterNode, qt.QTimer.singleShot, self.onProjected)
         self.update()
 
     # ---- events ------------------------------------------------------------------------------------------------------
@@ -88,6 +90,12 @@ class Panel(VTKObservationMixin):
         """The Logic has followed the planes of the openings."""
         if self.parameterNode is not None:
             self.prepare.update()
+
+    def onProjected(self, projection, text: str) -> None:
+        """The Logic has projected the image anew, or could not."""
+        if self.parameterNode is not None:
+            self.analyse.showProjection(projection, text)
+            self.update()
 
     def onReadout(self, text: str) -> None:
         """What is under the cursor."""

@@ -13,12 +13,10 @@ from ..fibrosis import DIRECTIONS, Fibrosis, Rule, measure_fibrosis, on_atrium
 from ..files import atomic_write, check_writable, read_surface, read_volume
 from ..map_data import MapData
 from ..page import check_figure_path
-from ..parcellation import Parcellation, builtin_parcellations
-from ..surface import IntArray, Surface
+from ..parcellation import builtin_parcellations, parcels_of
+from ..surface import Surface
 from .command import Subcommands, add_command, check_distinct
 from .progress import Progress
-
-Parcels = dict[str, tuple[IntArray, dict[int, str]]]
 
 
 def add(commands: Subcommands) -> None:
@@ -79,7 +77,7 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
         atrium = MapData.of(atrium, options.template)
     elif options.parcellation or options.template:
         raise InputFileError(f'"{options.map}" is no map: a parcellation and a template need one. Flatten it first.')
-    parcels = _parcels(atrium, options.parcellation) if isinstance(atrium, MapData) else {}
+    parcels = parcels_of(atrium, options.parcellation) if isinstance(atrium, MapData) else {}
     progress(0.2, "Measuring the blood pool")
     pool = _blood_pool(options, on_atrium(atrium)[0])
     progress(0.5, "Measuring")
@@ -126,20 +124,6 @@ def _blood_pool(options: argparse.Namespace, surface: Surface) -> BloodPool | No
     if options.blood_pool_labels:
         return blood_pool_of_labels(volume, read_volume(options.blood_pool_labels), options.blood_pool_label)
     return find_blood_pool(surface, volume)
-
-
-def _parcels(data: MapData, names: list[str]) -> Parcels:
-    """The parts of parcellations; each part of an overlapping one is a group of its own."""
-    parcels: Parcels = {}
-    for name in names:
-        parcellation = Parcellation.load(name)
-        if parcellation.overlapping:
-            for part in parcellation.parts:
-                labels = parcellation.labels_of(data, part.name).cells
-                parcels[f"{parcellation.name}_{part.name}"] = (labels, {part.label: part.name})
-        else:
-            parcels[parcellation.name] = (parcellation.labels_of(data).cells, parcellation.names)
-    return parcels
 
 
 def _report(found: Fibrosis) -> None:

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import SurfaceError
+from ..quantities import measured
 from ..surface import Array, FloatArray, Surface
 from .access import unreadable
 
-NO_VALUE = -10000.0
-"""What CARTO writes where a quantity was not measured."""
 INACTIVE = -1000000
 """Group of points and triangles that CARTO keeps, but that are no part of the surface."""
 
@@ -54,11 +53,6 @@ def read_carto(path: Path) -> Surface:
 def lps_from_carto(points: FloatArray) -> FloatArray:
     """Coordinates (n, 3) of CARTO, mm (x to the left, y up, z to the front), in LPS."""
     return np.stack([points[:, 0], -points[:, 2], points[:, 1]], axis=1)
-
-
-def measured(values: FloatArray) -> FloatArray:
-    """Values with NaN where CARTO says that there is none."""
-    return np.where(np.isfinite(values) & (values != NO_VALUE), values, np.nan)
 
 
 def _count(path: Path, about: dict[str, str], key: str) -> int:

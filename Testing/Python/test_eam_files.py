@@ -15,7 +15,7 @@ from scipy.io import savemat
 
 from LAFlatteningLib.errors import InputFileError, LAFlatteningError, SurfaceError
 from LAFlatteningLib.files import read_surface, write_surface
-from LAFlatteningLib.quantities import UNITS, unit_of
+from LAFlatteningLib.quantities import KNOWN_UNITS, unit_of
 from LAFlatteningLib.remeshing import remesh
 from LAFlatteningLib.surface import Surface
 
@@ -356,7 +356,7 @@ def test_units_of_quantities():
     assert unit_of("LAT") == "ms"
     assert unit_of("bipolar ") == "mV"
     assert unit_of("scar") == ""
-    assert set(UNITS.values()) == {"ms", "mV", "Ohm", "g"}
+    assert set(KNOWN_UNITS.values()) == {"ms", "mV", "Ohm", "g"}
 
 
 def test_coarse_map_is_remeshed_with_its_values(tmp_path):

@@ -1,0 +1,104 @@
+"""A map of the scene, and an atrium, as the analyses of the library read them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import slicer
+import vtk
+from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+
+from LAFlatteningLib import MapData, Parcellation, Surface, SurfaceError, Template
+from LAFlatteningLib.flattening.flat_map import POINT_ID_ARRAY
+from LAFlatteningLib.quantities import measured, unit_of
+
+from .map_nodes import STAGE, SURFACE_ROLE, copyArrays, millimetresPerUnit, settingsOf
+from .surface_nodes import CELL_ID_ARRAY, worldPoints
+
+ModelNode = slicer.vtkMRMLModelNode
+
+
+def mapDataOf(mapNode: ModelNode | None) -> MapData:
+    """A map with the places of its points on the atrium (RAS, mm, world) and the arrays that the atrium has now.
+
+    Values that a mapping system exports for "not measured" are NaN.
+
+    Raises
+    ------
+    SurfaceError : no map, or its atrium is gone or another one.
+    """
+    if mapNode is None or mapNode.GetScene() is None or mapNode.GetAttribute(STAGE) is None:
+        raise SurfaceError("There is no map. Flatten the atrium first.")
+    surfaceNode = mapNode.GetNodeReference(SURFACE_ROLE)
+    if surfaceNode is None or surfaceNode.GetScene() is None:
+        raise SurfaceError(
+            f'The atrium of the map "{mapNode.GetName()}" is not in the scene, so that nothing can be measured on it. '
+            "Load it, and flatten it again."
+        )
+    if not copyArrays(mapNode, surfaceNode):
+        raise SurfaceError(
+            f'The atrium "{surfaceNode.GetName()}" is no longer the one of which "{mapNode.GetName()}" is the map. '
+            "Flatten it again."
+        )
+    polydata, settings = mapNode.GetPolyData(), settingsOf(mapNode)
+    template = Template.load(settings.template)
+    ids = vtk_to_numpy(polydata.GetPointData().GetArray(POINT_ID_ARRAY))
+    flat = vtk_to_numpy(polydata.GetPoints().GetData())[:, :2] / millimetresPerUnit(template, settings.diskDiameter)
+    triangles = vtk_to_numpy(polydata.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(np.int64)
+    surface = Surface(
+        worldPoints(surfaceNode)[ids],
+        triangles,
+        _scalars(polydata.GetPointData()),
+        _scalars(polydata.GetCellData()),
+        space="RAS",
+    )
+    return MapData(surface, flat + np.asarray(template.outer.shape.centre), template)
+
+
+def withParcels(
+    mapNode: ModelNode, surfaceNode: ModelNode, data: MapData, parcellations: Sequence[Parcellation]
+) -> None:
+    """Carry parcellations to an atrium, and so to its maps, as point and cell arrays; 0 where there is no part."""
+    polydata = surfaceNode.GetPolyData()
+    first = polydata.GetNumberOfVerts() + polydata.GetNumberOfLines()
+    for parcellation in parcellations:
+        carried = parcellation.carry(data)
+        for arrays, own, ids, count, target in (
+            (
+                carried.point_data,
+                data.surface.point_data,
+                data.surface.point_data[POINT_ID_ARRAY],
+                polydata.GetNumberOfPoints(),
+                polydata.GetPointData(),
+            ),
+            (
+                carried.cell_data,
+                data.surface.cell_data,
+                data.surface.cell_data[CELL_ID_ARRAY] + first,
+                polydata.GetNumberOfCells(),
+                polydata.GetCellData(),
+            ),
+        ):
+            for name in arrays:
+                if arrays[name] is own.get(name):
+                    continue
+                values = np.zeros(count, np.int32)
+                values[ids] = arrays[name]
+                array = numpy_to_vtk(values, deep=True)
+                array.SetName(name)
+                target.AddArray(array)
+    if parcellations:
+        polydata.Modified()
+        copyArrays(mapNode, surfaceNode)
+
+
+def _scalars(data: vtk.vtkFieldData) -> dict[str, np.ndarray]:
+    """The arrays of single numbers, copied."""
+    found = {}
+    for k in range(data.GetNumberOfArrays()):
+        array, name = data.GetArray(k), data.GetArrayName(k)
+        if array is not None and name and array.GetNumberOfComponents() == 1:
+            values = vtk_to_numpy(array)
+            found[name] = measured(values) if unit_of(name) else values.copy()
+    return found

@@ -1,0 +1,88 @@
+"""The nodes that hold what was found on a map: made, found again, and removed with it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import slicer
+import vtk
+from vtk.util.numpy_support import numpy_to_vtk
+
+RESULT_ROLE = "LAFlattening.results"
+"""Node reference from a map to each of its results."""
+KIND, ON_MAP = "LAFlattening.result", "LAFlattening.onMap"
+"""Attributes of a result: what it is, and whether it is drawn on the map (and not on the atrium)."""
+
+ModelNode = slicer.vtkMRMLModelNode
+
+
+def resultsOf(mapNode: ModelNode, kind: str | None = None) -> list[slicer.vtkMRMLNode]:
+    """The results of a map, all or of one kind, as far as they are in the scene."""
+    found = (mapNode.GetNthNodeReference(RESULT_ROLE, k) for k in range(mapNode.GetNumberOfNodeReferences(RESULT_ROLE)))
+    return [node for node in found if node is not None and kind in (None, node.GetAttribute(KIND))]
+
+
+def resultOf(mapNode: ModelNode | None, kind: str) -> slicer.vtkMRMLNode | None:
+    """The first result of a kind; None if there is none."""
+    found = resultsOf(mapNode, kind) if mapNode is not None else []
+    return found[0] if found else None
+
+
+def drawnOnMap(mapNode: ModelNode) -> list[slicer.vtkMRMLNode]:
+    """The results that are drawn on the map."""
+    return [node for node in resultsOf(mapNode) if node.GetAttribute(ON_MAP)]
+
+
+def addResult(mapNode: ModelNode, kind: str, className: str, name: str, onMap: bool = False) -> slicer.vtkMRMLNode:
+    """A new node that holds a result of a map, saved with the scene and removed with the map."""
+    scene = mapNode.GetScene()
+    node = scene.CreateNodeByClass(className)
+    node.UnRegister(None)
+    node.SetName(scene.GenerateUniqueName(name))
+    node.SetAttribute(KIND, kind)
+    if onMap:
+        node.SetAttribute(ON_MAP, "1")
+    # Known as belonging to the map before anything that looks after views sees it.
+    scene.AddNode(node)
+    mapNode.AddNodeReferenceID(RESULT_ROLE, node.GetID())
+    return node
+
+
+def removeResults(mapNode: ModelNode, *kinds: str) -> None:
+    """Remove the results of some kinds from the scene; all without a kind."""
+    for node in resultsOf(mapNode):
+        if not kinds or node.GetAttribute(KIND) in kinds:
+            mapNode.GetScene().RemoveNode(node)
+    # References to nodes that are gone, from the last on.
+    for k in reversed(range(mapNode.GetNumberOfNodeReferences(RESULT_ROLE))):
+        if mapNode.GetNthNodeReference(RESULT_ROLE, k) is None:
+            mapNode.RemoveNthNodeReferenceID(RESULT_ROLE, k)
+
+
+def tableResult(
+    mapNode: ModelNode, kind: str, what: str, columns: Mapping[str, list[str] | np.ndarray]
+) -> slicer.vtkMRMLTableNode:
+    """Put a table into the result of a kind, which is made if it is not there."""
+    node = resultOf(mapNode, kind)
+    if node is None:
+        node = addResult(mapNode, kind, "vtkMRMLTableNode", f"{mapNode.GetName()} {what}")
+    fillTableNode(node, columns)
+    return node
+
+
+def fillTableNode(node: slicer.vtkMRMLTableNode, columns: Mapping[str, list[str] | np.ndarray]) -> None:
+    """Give a table node columns of text or numbers, with titles, that cannot be edited."""
+    table = vtk.vtkTable()
+    for name, values in columns.items():
+        if isinstance(values, np.ndarray):
+            array = numpy_to_vtk(values, deep=True)
+        else:
+            array = vtk.vtkStringArray()
+            for value in values:
+                array.InsertNextValue(value)
+        array.SetName(name)
+        table.AddColumn(array)
+    node.SetAndObserveTable(table)
+    node.SetUseColumnTitleAsColumnHeader(True)
+    node.SetLocked(True)
