@@ -1,5 +1,6 @@
 """The panel as a user goes through it, by its real buttons."""
 
+import sys
 import tempfile
 import unittest
 from pathlib import Path
@@ -295,6 +296,10 @@ class TestScene(PanelCase):
 class TestReload(unittest.TestCase):
     def test_library_and_module_come_anew_from_their_files(self):
         slicer.mrmlScene.Clear()
+        # Other tests in this process have imported the modules as they are: two of each class would be told apart.
+        packages = ("LAFlatteningLib", "LAFlatteningScene", "LAFlatteningWidgets")
+        former = {name: module for name, module in sys.modules.items() if name.partition(".")[0] in packages}
+        self.addCleanup(sys.modules.update, former)
         panel = slicer.util.getModuleWidget("LAFlattening")
         before = type(panel.logic), panel.map.__class__
         panel.onReload()

@@ -3,7 +3,7 @@
 make screenshots      or      python Testing/Tools/screenshots.py
 
 `module.png` is the whole picture, `placing.png` the panel in the middle of placing seeds, `prepare.png` with the planes
-of a closed atrium, `atrium.png` and `flat.png` the two views.
+of a closed atrium, `analyse.png` with fibrosis and gaps, `atrium.png` and `flat.png` the two views.
 """
 
 from __future__ import annotations
@@ -148,6 +148,9 @@ def main() -> None:
     save("quality.png", panel_image(panel, ("quality",)))
 
     crosshair.SetCursorPositionInvalid()
+    save("analyse.png", analyse_image(panel, atrium, flat))
+    logic.clearAnalysis(parameters.map)
+    logic.colourBy(surface, "LGE")
     parameters.liveUpdate = False
     for label in logic.seedLabels()[4:]:
         logic.removeSeed(seeds, label)
@@ -161,6 +164,25 @@ def main() -> None:
     save("placing.png", beside(placing, view_image(atrium)))
     logic.stopPlacing()
     save("prepare.png", prepare_image(panel, atrium, (surface, seeds)))
+
+
+def analyse_image(panel, atrium, flat) -> np.ndarray:
+    """Fibrosis and gaps of the sample."""
+    import slicer
+
+    panel.ui.volumeSelector.setCurrentNode(slicer.util.getNodesByClass("vtkMRMLScalarVolumeNode")[0])
+    settle()
+    panel.ui.measureButton.click()
+    panel.ui.gapThresholds.text = "120"
+    panel.ui.gapsButton.click()
+    settle()
+    picture = panel_image(panel, ("analyse",))
+    for view in (atrium, flat):
+        view.resize(VIEW_WIDTH, VIEW_WIDTH)
+    atrium.resetCamera()
+    panel.logic.frameMap()
+    settle()
+    return beside(picture, view_image(atrium), view_image(flat))
 
 
 def prepare_image(panel, atrium, others) -> np.ndarray:
