@@ -378,7 +378,8 @@ class LAFlatteningLogic(ScriptedLoadableModuleLogic, SeedLogic, PrepareLogic, An
     ) -> list[Path]:
         """Write the map: all files or none.
 
-        Files: <map>.vtp, <map>.png (with colour bar), <map> metrics.csv and <map> regions.csv.
+        Files: <map>.vtp, <map>.png (with colour bar), <map> metrics.csv, <map> regions.csv, and of what was measured
+        <map> fibrosis.csv, gaps.csv, gap list.csv and comparison.csv.
 
         Raises
         ------

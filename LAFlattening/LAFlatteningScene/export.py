@@ -15,10 +15,14 @@ from LAFlatteningLib.files import atomic_write, write_surface
 from LAFlatteningLib.shading import label_of
 from LAFlatteningLib.surface import Surface
 
+from .comparison_nodes import COMPARISON
 from .display_link import activeArray, scalarRange
+from .fibrosis_nodes import FIBROSIS
+from .gap_nodes import GAP_LIST, GAPS
 from .map_nodes import settingsOf
 from .overlay import overlayOf
 from .quality_nodes import METRICS_ROLE, REGIONS_ROLE
+from .result_nodes import resultOf
 from .views import MARGIN
 
 FORMATS = ("vtp", "png", "csv")
@@ -59,6 +63,10 @@ def exportMap(mapNode: ModelNode, directory: str | Path, formats: tuple[str, ...
                 table = mapNode.GetNodeReference(role)
                 if table is not None:
                     writeTable(table, temporary(f"{stem} {what}.csv"))
+            for kind in (FIBROSIS, GAPS, GAP_LIST, COMPARISON):
+                table = resultOf(mapNode, kind)
+                if table is not None:
+                    writeTable(table, temporary(f"{stem} {kind}.csv"))
     return written
 
 

@@ -1,14 +1,18 @@
 """What is read off a map through the Logic is what the library finds, whatever transforms lie above the nodes."""
 
+import csv
+import tempfile
 import unittest
+from pathlib import Path
 
 import numpy as np
 import slicer
 import vtk
 from analysis_case import AnalysisCase, addVolume, column, lgeVolume
 from LAFlatteningScene.analysis_logic import ProjectionChoice, thresholdsFrom
+from LAFlatteningScene.class_colours import classColours
 from LAFlatteningScene.fibrosis_nodes import classArrayOf
-from LAFlatteningScene.result_nodes import ON_MAP, resultsOf
+from LAFlatteningScene.result_nodes import KIND, ON_MAP, resultsOf
 from logic_case import POINTS, Clock, addArray, addAtrium, addTransform, array, phantom, points
 
 from LAFlatteningLib import (
@@ -377,6 +381,18 @@ class ResultsTest(AnalysisCase):
         self.assertFalse(self.surface.GetPolyData().GetCellData().HasArray(classArrayOf("LGE")))
         self.assertTrue(self.surface.GetPolyData().GetPointData().HasArray("LGE"))
 
+    def test_theyAreExported(self):
+        self.measure()
+        with tempfile.TemporaryDirectory() as folder:
+            files = self.logic.exportMap(self.map, folder, ("csv",))
+            names = [file.name for file in files]
+            self.assertEqual(names[2:], [f"Atrium map {what}.csv" for what in ("fibrosis", "gaps", "gap list")])
+            with files[2].open(encoding="utf-8", newline="") as file:
+                rows = list(csv.reader(file))
+            self.assertEqual(rows[0][:3], ["Group", "Part", "Area (cm2)"])
+            areas = column(self.logic.fibrosisTable(self.map), "Area (cm2)")
+            np.testing.assert_allclose([float(row[2]) for row in rows[1:]], areas, rtol=1e-4)
+
     def test_theyGoWithTheMap(self):
         p = self.parameters(self.surface, self.seeds)
         p.map = self.map
@@ -388,18 +404,23 @@ class ResultsTest(AnalysisCase):
 
     def test_theyAreSavedWithTheScene(self):
         self.measure()
-        names = sorted(node.GetName() for node in resultsOf(self.map))
-        lengths = column(self.logic.gapTable(self.map), "Gap length")
-        mapName, colours = self.map.GetName(), self.surface.GetDisplayNode().GetActiveScalarName()
-        slicer.mrmlScene.SetSaveToXMLString(1)
-        slicer.mrmlScene.Commit()
-        text = slicer.mrmlScene.GetSceneXMLString()
-        # Tables and meshes are in files of their own; here the references.
-        for kind in ("LAFlattening.results", "LAFlattening.classColours"):
-            self.assertIn(kind, text)
-        self.assertEqual(len(names), len(set(names)))
-        self.assertEqual((mapName, colours), ("Atrium map", classArrayOf("LGE")))
-        self.assertEqual(len(lengths), 12)
+        kinds = sorted(node.GetAttribute(KIND) for node in resultsOf(self.map))
+        lengths, words = column(self.logic.gapTable(self.map), "Gap length"), self.logic.bloodPoolWords(self.map)
+        with tempfile.TemporaryDirectory() as folder:
+            file = str(Path(folder) / "scene.mrb")
+            self.assertTrue(slicer.util.saveScene(file))
+            slicer.mrmlScene.Clear(0)
+            slicer.util.loadScene(file)
+        mapNode = slicer.util.getNode("Atrium map")
+        surface = slicer.util.getNode("Atrium")
+        self.assertEqual(sorted(node.GetAttribute(KIND) for node in resultsOf(mapNode)), kinds)
+        np.testing.assert_allclose(column(self.logic.gapTable(mapNode), "Gap length"), lengths, rtol=1e-4)
+        self.assertEqual(self.logic.bloodPoolWords(mapNode), words)
+        names = [classColours(surface, classArrayOf("LGE")).GetColorName(k) for k in range(2)]
+        self.assertEqual(names[0].split()[0], "normal")
+        self.assertEqual(surface.GetDisplayNode().GetActiveScalarName(), classArrayOf("LGE"))
+        # And it can be measured further.
+        self.logic.findGaps(mapNode, "LGE", [120.0])
 
 
 if __name__ == "__main__":
