@@ -16,7 +16,7 @@ from pathlib import Path
 import constraints
 import overview
 import readings
-from atria import Atrium, atria
+from atria import Atrium, atria, scans
 from pictures import Drawn, save
 
 FOLDER = Path(__file__).resolve().parents[2] / "Docs" / "figures"
@@ -38,9 +38,9 @@ def main() -> None:
     parser.add_argument("--phantom", action="store_true", help="leave real atria out")
     options = parser.parse_args()
     captions: dict[str, dict[str, str]] = {}
-    for atrium in atria():
+    for atrium in (*atria(), *(() if options.phantom else scans())):
         folder = FOLDER / "real" / atrium.key if atrium.key else FOLDER
-        for name in options.only:
+        for name in options.only if not atrium.key.startswith("scan") else ["lge"]:
             begun = time.perf_counter()
             drawn = FIGURES[name](atrium)
             if drawn is None:

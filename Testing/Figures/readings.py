@@ -20,11 +20,14 @@ VOLTAGE_POINTS = 4000
 
 def lge(atrium: Atrium) -> Drawn | None:
     """Intensities of an image, projected onto the wall."""
-    if atrium.key:
-        if "scalars" not in atrium.surface.point_data:
-            return None
+    if "scalars" in atrium.surface.point_data:
         array, flat_map = "scalars", atrium.map()
         source = "intensities as published with the surface"
+    elif atrium.key.startswith("scan"):
+        array, flat_map = "LGE", atrium.map()
+        source = "largest intensity within 3 mm on both sides of the wall"
+    elif atrium.key:
+        return None
     else:
         phantom = made_phantom(POINTS)
         volume = Volume.from_image(make_lge_volume(phantom.shape))
