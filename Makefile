@@ -7,7 +7,7 @@ DEMO ?= demo
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test lint bench bench-drag clean panel resources screenshots
+.PHONY: demo test lint bench bench-drag figures clean panel resources screenshots
 
 demo: $(VENV)/figures.stamp
 	$(BIN)/la-flatten demo --output $(DEMO)
@@ -33,6 +33,10 @@ bench: $(VENV)/bench.stamp
 # How quickly the map follows a seed that is dragged in the panel.
 bench-drag: $(VENV)/test.stamp
 	$(BIN)/python Testing/Benchmarks/bench_drag.py
+
+# The counterparts of the paper's figures, on the phantom and on real atria where they are found, into Docs/figures/.
+figures: $(VENV)/figures.stamp
+	PYTHONPATH=Testing/Benchmarks $(BIN)/python Testing/Figures/make_figures.py
 
 # The module in a window of its own, for those without Slicer.
 panel: $(VENV)/test.stamp
