@@ -5,27 +5,25 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ._version import __version__
 from .comparison import Comparison
 from .fibrosis import Fibrosis, on_atrium
 from .figures import BORDER_COLOUR, INSIDE, RIM_COLOUR, VIEW_DOTS_PER_INCH
 from .flattening.flat_map import REGION_ARRAY, FlatMap
 from .map_data import MapData
 from .page import (
-    DOTS_PER_INCH,
     FAINT,
     HEADING_SIZE,
     INK,
     PAGE_INCHES,
     SMALL_SIZE,
     TEXT_SIZE,
-    TITLE_SIZE,
     add_axes,
     draw_line,
+    new_page,
     rasterise_map,
     require_matplotlib,
     save_page,
@@ -45,12 +43,9 @@ NORMAL_COLOUR = "#c6dbef"
 CLASS_COLOURS = {1: ("#c51b1b",), 2: ("#f2a93b", "#a50f15")}
 """Colours of the classes beyond normal, by their number; told apart with any colour blindness, and in print."""
 ONLY_A, ONLY_B, BOTH, NEITHER = "#4477AA", "#EE8866", "#3b1f4a", "#e4e4e4"
-DISCLAIMER = "Not a medical device. For research."
 BESIDE_A_MAP = ((0.2, 4.3, 3.7, 3.1), (0.2, 0.75, 3.7, 3.1))
 WITHOUT_A_MAP = ((0.2, 2.2, 4.6, 4.8), (4.9, 2.2, 4.6, 4.8))
 """Where the two views of the atrium are: left, bottom, width, height in inches."""
-LONGEST_LINE = 170
-"""Letters of small text that fit across the page."""
 MOST_PARTS = 12
 """More lines of a table do not fit on the page."""
 
@@ -91,7 +86,9 @@ def make_fibrosis_figure(atrium: FlatMap | MapData | Surface, found: Fibrosis) -
     require_matplotlib()
     surface, data = on_atrium(atrium)
     paint = class_paint(surface, found)
-    figure = _page(f"{found.array}: {found.atrium.beyond_percent:.1f} % of the atrium {_beyond(found)}", _facts(found))
+    figure = new_page(
+        f"{found.array}: {found.atrium.beyond_percent:.1f} % of the atrium {_beyond(found)}", _facts(found)
+    )
     _views(figure, surface, paint, BESIDE_A_MAP if data is not None else WITHOUT_A_MAP)
     if data is not None:
         axes = add_axes(figure, "map", (4.35, 1.75, 5.2, 5.2))
@@ -121,7 +118,7 @@ def make_comparison_figure(found: Comparison, *, names: tuple[str, str] = ("A", 
         low, high = low - 0.5, high + 0.5
     whole = found.whole
     title = f"{names[0]} and {names[1]}: Pearson r = {whole.pearson:.2f}, Spearman rho = {whole.spearman:.2f}"
-    figure = _page(title, _comparison_facts(found))
+    figure = new_page(title, _comparison_facts(found))
     cmap, norm = colormaps["plasma"], Normalize(low, high)
     for letter, name, array, values, left in (
         ("A", names[0], found.array_a, a, 0.3), ("B", names[1], found.array_b, b, 5.3),
@@ -150,7 +147,7 @@ def make_difference_figure(found: Comparison, *, names: tuple[str, str] = ("A", 
     difference = found.picture(found.difference)
     reach = float(np.percentile(np.abs(found.difference[np.isfinite(found.difference)]), 99)) or 1.0
     unit = "percentiles" if found.scale == "ranks" else label_of(found.array_a)
-    figure = _page(f"{names[1]} minus {names[0]}", _comparison_facts(found))
+    figure = new_page(f"{names[1]} minus {names[0]}", _comparison_facts(found))
     axes = add_axes(figure, "difference", (0.3, 2.75, 4.7, 4.7))
     cmap, norm = colormaps["RdBu_r"], Normalize(-reach, reach)
     _draw_grid(axes, found, cmap(norm(difference)), difference)
@@ -215,17 +212,6 @@ def class_colours(found: Fibrosis) -> list[str]:
 
 
 # ---- parts of a page -------------------------------------------------------------------------------------------------
-
-
-def _page(title: str, facts: list[str]) -> Figure:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=PAGE_INCHES, dpi=DOTS_PER_INCH, facecolor="white")
-    centred: dict[str, Any] = {"ha": "center", "va": "center", "parse_math": False}
-    figure.text(0.5, 1.0 - 0.32 / PAGE_INCHES[1], title, size=TITLE_SIZE, color=INK, **centred)
-    text = textwrap.fill("  ·  ".join([*facts, DISCLAIMER, f"LAFlattening {__version__}"]), LONGEST_LINE)
-    figure.text(0.5, 0.2 / PAGE_INCHES[1], text, size=SMALL_SIZE, color=FAINT, **centred)
-    return figure
 
 
 def _beyond(found: Fibrosis) -> str:
