@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ._version import __version__
-from .anatomy import LEFT_ATRIUM, Anatomy
+from .anatomy import LEFT_ATRIUM, REFERENCES, Anatomy
 from .cavity.openings import make_cavity
 from .errors import InputFileError, SurfaceError
 from .ostium_ways import WaysAcrossOstia
@@ -21,8 +21,6 @@ from .seeds import check_labels, snap_seeds
 from .surface import FloatArray, Surface
 
 SCHEMA = "laflattening-measurement/1"
-REFERENCES = {LEFT_ATRIUM.name: ("LIPV", "s3")}
-"""Anatomy -> the opening and the path that ratios refer to, as in the paper: the smallest ostium, the left carina."""
 
 
 @dataclass(frozen=True)
@@ -96,8 +94,8 @@ def measure(
     --------
     >>> from LAFlatteningLib.phantom import make_phantom
     >>> phantom = make_phantom(2000)
-    >>> round(measure(phantom.surface, phantom.seeds).perimeters_mm["LIPV"])
-    39
+    >>> round(measure(phantom.surface, phantom.seeds).area_cm2)
+    96
     """
     seeds = check_labels(seeds, anatomy)
     cavity = make_cavity(surface, anatomy, np.array([seeds[label] for label in anatomy.outer_seeds]))

@@ -12,24 +12,13 @@ import numpy as np
 from scipy import stats
 
 from ._version import __version__
+from .anatomy import COMPARED
 from .errors import LAFlatteningError
 from .measurement import Measurement
 from .surface import FloatArray
 
 FEWEST_FOR_WILCOXON = 6
 """With fewer pairs, not even differences that all go one way are significant at 5 % by Wilcoxon's test."""
-PAIRS = {
-    "perimeter": (
-        ("LIPV", "LSPV"),
-        ("LSPV", "RIPV"),
-        ("RIPV", "RSPV"),
-        ("RSPV", "LAA"),
-        ("LIPV", "RIPV"),
-        ("LSPV", "RSPV"),
-    ),
-    "path": (("s3", "s1"), ("s3", "s8"), ("s2", "s4"), ("s1", "s2"), ("s7", "s6"), ("s7", "s5")),
-}
-"""Which sizes the paper compares; pairs of which an anatomy has not both are left out."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +81,7 @@ class ShapeTable:
     ----------
     names : of the atria.
     spreads : every size.
-    tests : see `PAIRS`. No correction for their number is made.
+    tests : see `anatomy.COMPARED`. No correction for their number is made.
     """
 
     names: tuple[str, ...]
@@ -164,7 +153,7 @@ def tabulate(measurements: Mapping[str, Measurement]) -> ShapeTable:
     known = {(s.group, s.name): s.values for s in spreads}
     tests = [
         _test(group, first, second, known[group, first], known[group, second])
-        for group, pairs in PAIRS.items()
+        for group, pairs in COMPARED.items()
         for first, second in pairs
         if (group, first) in known and (group, second) in known
     ]
