@@ -202,7 +202,7 @@ def make_texture_figure(data: MapData, patterns: Sequence[Texture]) -> Figure:
 def make_maps_figure(maps: Mapping[str, tuple[MapData, IntArray]], *, title: str) -> Figure:
     """The page of `draw_maps`; axes are labelled by the names of the maps."""
     figure = new_page(title)
-    columns = min(len(maps), 4)
+    columns = min(len(maps), 5)
     rows = -(-len(maps) // columns)
     side = min((PAGE_INCHES[0] - 0.6) / columns - 0.25, 6.3 / rows - 0.55)
     for k, (name, (data, regions)) in enumerate(maps.items()):
