@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ._version import __version__
 from .comparison import Comparison
@@ -91,7 +92,9 @@ def make_fibrosis_figure(atrium: FlatMap | MapData | Surface, found: Fibrosis) -
     require_matplotlib()
     surface, data = on_atrium(atrium)
     paint = class_paint(surface, found)
-    figure = _page(f"{found.array}: {found.atrium.beyond_percent:.1f} % of the atrium {_beyond(found)}", _facts(found))
+    figure = start_page(
+        f"{found.array}: {found.atrium.beyond_percent:.1f} % of the atrium {_beyond(found)}", _facts(found)
+    )
     _views(figure, surface, paint, BESIDE_A_MAP if data is not None else WITHOUT_A_MAP)
     if data is not None:
         axes = add_axes(figure, "map", (4.35, 1.75, 5.2, 5.2))
@@ -121,7 +124,7 @@ def make_comparison_figure(found: Comparison, *, names: tuple[str, str] = ("A", 
         low, high = low - 0.5, high + 0.5
     whole = found.whole
     title = f"{names[0]} and {names[1]}: Pearson r = {whole.pearson:.2f}, Spearman rho = {whole.spearman:.2f}"
-    figure = _page(title, _comparison_facts(found))
+    figure = start_page(title, _comparison_facts(found))
     cmap, norm = colormaps["plasma"], Normalize(low, high)
     for letter, name, array, values, left in (
         ("A", names[0], found.array_a, a, 0.3), ("B", names[1], found.array_b, b, 5.3),
@@ -133,7 +136,7 @@ def make_comparison_figure(found: Comparison, *, names: tuple[str, str] = ("A", 
     shown = figure.colorbar(ScalarMappable(norm, cmap), cax=bar, extend="neither" if low == 0.0 else "both")
     shown.set_label(label, size=TEXT_SIZE, color=INK, parse_math=False)
     bar.tick_params(labelsize=SMALL_SIZE, colors=INK)
-    _missing_legend(bar, bool(np.isnan(found.scaled).any()))
+    add_missing_legend(bar, bool(np.isnan(found.scaled).any()))
     _agreement_table(figure, found)
     return figure
 
@@ -150,7 +153,7 @@ def make_difference_figure(found: Comparison, *, names: tuple[str, str] = ("A", 
     difference = found.picture(found.difference)
     reach = float(np.percentile(np.abs(found.difference[np.isfinite(found.difference)]), 99)) or 1.0
     unit = "percentiles" if found.scale == "ranks" else label_of(found.array_a)
-    figure = _page(f"{names[1]} minus {names[0]}", _comparison_facts(found))
+    figure = start_page(f"{names[1]} minus {names[0]}", _comparison_facts(found))
     axes = add_axes(figure, "difference", (0.3, 2.75, 4.7, 4.7))
     cmap, norm = colormaps["RdBu_r"], Normalize(-reach, reach)
     _draw_grid(axes, found, cmap(norm(difference)), difference)
@@ -159,7 +162,7 @@ def make_difference_figure(found: Comparison, *, names: tuple[str, str] = ("A", 
     shown = figure.colorbar(ScalarMappable(norm, cmap), cax=bar, extend="both")
     shown.set_label(f"difference, {unit}", size=TEXT_SIZE, color=INK, parse_math=False)
     bar.tick_params(labelsize=SMALL_SIZE, colors=INK)
-    _missing_legend(bar, bool(np.isnan(found.difference).any()))
+    add_missing_legend(bar, bool(np.isnan(found.difference).any()))
     if found.threshold_a is not None and found.threshold_b is not None:
         known = np.isfinite(found.values_a) & np.isfinite(found.values_b)
         kinds = found.beyond_a + 2 * found.beyond_b
@@ -217,7 +220,8 @@ def class_colours(found: Fibrosis) -> list[str]:
 # ---- parts of a page -------------------------------------------------------------------------------------------------
 
 
-def _page(title: str, facts: list[str]) -> Figure:
+def start_page(title: str, facts: list[str]) -> Figure:
+    """A page with its title, and at its foot what to know about it."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=PAGE_INCHES, dpi=DOTS_PER_INCH, facecolor="white")
@@ -289,7 +293,7 @@ def _draw_map(axes: Axes, data: MapData, paint: Paint) -> None:
     template = data.template
     raster = rasterise_map(data.flat, data.triangles)
     show_raster(axes, raster, paint.rgb(raster))
-    _draw_template(axes, template)
+    draw_template(axes, template)
     if REGION_ARRAY in data.surface.cell_data:
         regions = np.asarray(data.surface.cell_data[REGION_ARRAY]).astype(np.int64)
         for region, (place, _) in raster.inmost_places(regions, raster.front).items():
@@ -298,13 +302,25 @@ def _draw_map(axes: Axes, data: MapData, paint: Paint) -> None:
 
 def _draw_grid(axes: Axes, found: Comparison, colours: FloatArray, values: FloatArray) -> None:
     """A picture of a comparison, grey where there is no value."""
-    from matplotlib.colors import to_rgb
-
-    template = found.template
-    picture = np.ones((*values.shape, 4))
-    picture[..., :3] = np.where(np.isnan(values)[..., None], to_rgb(NO_VALUE), colours[..., :3])
     covered = np.zeros(values.shape, bool)
     covered[found.row, found.column] = True
+    draw_grid(axes, found.template, colours, values, covered)
+
+
+def draw_grid(
+    axes: Axes,
+    template: Template,
+    colours: FloatArray,
+    values: FloatArray,
+    covered: NDArray[np.bool_],
+    name_size: float = SMALL_SIZE - 1.0,
+) -> None:
+    """Values (rows, columns) over a template in their colours (rows, columns, 3 or 4): grey where they are NaN,
+    transparent where there is no map."""
+    from matplotlib.colors import to_rgb
+
+    picture = np.ones((*values.shape, 4))
+    picture[..., :3] = np.where(np.isnan(values)[..., None], to_rgb(NO_VALUE), colours[..., :3])
     picture[..., 3] = covered
     x, y = template.outer.shape.centre
     radius = template.radius
@@ -312,10 +328,10 @@ def _draw_grid(axes: Axes, found: Comparison, colours: FloatArray, values: Float
         picture, extent=(x - radius, x + radius, y - radius, y + radius), origin="lower", interpolation="hanning",
         aspect="equal",
     )  # fmt: skip
-    _draw_template(axes, template)
+    draw_template(axes, template, name_size)
 
 
-def _draw_template(axes: Axes, template: Template) -> None:
+def draw_template(axes: Axes, template: Template, name_size: float = SMALL_SIZE - 1.0) -> None:
     """Rims, borders of regions and names of openings, and the limits of the axes."""
     for path in template.anatomy.paths:
         draw_line(axes, template.segment(path), BORDER_COLOUR, 0.9)
@@ -323,7 +339,7 @@ def _draw_template(axes: Axes, template: Template) -> None:
         outline = template.rim(opening).shape.outline()
         draw_line(axes, np.concatenate([outline, outline[:1]]), RIM_COLOUR, 1.6)
     for hole, rim in template.holes.items():
-        write_text(axes, rim.shape.centre, hole, SMALL_SIZE - 1.0, weight="bold")
+        write_text(axes, rim.shape.centre, hole, name_size, weight="bold")
     centre, reach = np.array(template.outer.shape.centre), 1.02 * template.radius * np.array([-1.0, 1.0])
     axes.set(xlim=centre[0] + reach, ylim=centre[1] + reach, xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
@@ -351,17 +367,17 @@ def _class_table(figure: Figure, found: Fibrosis) -> None:
     columns = [("part", 4.15), ("area (cm2)", 6.7)]
     apart = 3.75 / max(3, len(found.class_names))
     columns += [(f"{name} (%)", 7.65 + apart * k) for k, name in enumerate(found.class_names)]
-    _row(figure, 1.52, columns, FAINT)
+    write_row(figure, 1.52, columns, FAINT)
     shown = [part for part in found.parts if part.group in ("atrium", REGION_ARRAY)][:8]
     for number, part in enumerate(shown):
         name = part.name if part.group == "atrium" else f"R{part.label} {part.name}"
         numbers = [f"{share:.1f}" if share == share else "-" for share in part.class_percent]
         words = [name, f"{part.area_cm2:.1f}", *numbers]
         cells = [(word, at) for word, (_, at) in zip(words, columns, strict=True)]
-        _row(figure, 1.36 - 0.15 * number, cells, INK)
+        write_row(figure, 1.36 - 0.15 * number, cells, INK)
 
 
-def _missing_legend(bar: Axes, missing: bool) -> None:
+def add_missing_legend(bar: Axes, missing: bool) -> None:
     """Below a colour bar, the colour of places without a value, where there are some."""
     from matplotlib.patches import Patch
 
@@ -377,17 +393,18 @@ def _agreement_table(figure: Figure, found: Comparison) -> None:
     unit = " (percentiles)" if found.scale == "ranks" else ""
     columns = [("part", 0.6), ("area (cm2)", 3.3), ("Pearson r", 4.2), ("Spearman rho", 5.1), ("mean A", 6.2)]
     columns += [("mean B", 7.0), (f"B - A{unit}: mean, SD", 7.8), ("left out (%)", 9.6), ("Dice", 10.6)]
-    _row(figure, 2.1, columns, FAINT)
+    write_row(figure, 2.1, columns, FAINT)
     for number, part in enumerate(found.parts[:MOST_PARTS]):
         name = part.name if part.region == 0 else f"R{part.region} {part.name}"
         words = [name, f"{part.area_cm2:.1f}", f"{part.pearson:.3f}", f"{part.spearman:.3f}", f"{part.mean_a:.4g}"]
         words += [f"{part.mean_b:.4g}", f"{round(part.difference, 9) + 0.0:.3g}, {part.difference_sd:.3g}"]
         words += [f"{part.missing_percent:.1f}", f"{part.dice:.3f}"]
         cells = [(word.replace("nan", "-"), at) for word, (_, at) in zip(words, columns, strict=True)]
-        _row(figure, 1.9 - 0.18 * number, cells, INK)
+        write_row(figure, 1.9 - 0.18 * number, cells, INK)
 
 
-def _row(figure: Figure, height: float, cells: list[tuple[str, float]], colour: str) -> None:
+def write_row(figure: Figure, height: float, cells: Sequence[tuple[str, float]], colour: str) -> None:
+    """A line of a table: texts that begin at inches from the left, at a height in inches."""
     for text, left in cells:
         figure.text(
             left / PAGE_INCHES[0], height / PAGE_INCHES[1], text, size=SMALL_SIZE, color=colour, ha="left", va="center",

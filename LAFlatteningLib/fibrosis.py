@@ -10,7 +10,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -350,7 +350,7 @@ def on_atrium(atrium: FlatMap | MapData | Surface) -> tuple[Surface, MapData | N
     data = MapData.of(atrium)
     if isinstance(atrium, FlatMap):
         surface = data.surface.with_data(cell_data={REGION_ARRAY: atrium.regions})
-        data = MapData(surface, data.flat, data.template)
+        data = replace(data, surface=surface)
     return data.surface, data
 
 
