@@ -22,6 +22,7 @@ from .blood_pool import BloodPool
 from .errors import LAFlatteningError
 from .flattening.flat_map import REGION_ARRAY, FlatMap
 from .map_data import MapData
+from .quantities import is_voltage, unit_of
 from .surface import FloatArray, IntArray, Surface
 
 BoolArray = NDArray[np.bool_]
@@ -36,6 +37,8 @@ _NAMES = {
     ("below", 1): ("normal", "low"),
     ("below", 2): ("normal", "low", "very low"),
 }
+_VOLTAGE_NAMES = {1: ("normal", "low"), 2: ("normal", "low", "scar")}
+"""Of classes of bipolar voltage: below .5 mV is low, below .1 mV is scar, by common thresholds."""
 
 
 @dataclass(frozen=True)
@@ -282,8 +285,8 @@ def measure_fibrosis(
         the regions.
     array : scalar point array, or cell array.
     parcels : name of a group -> label of each triangle (m,), and label -> name. Labels without a name count to nothing.
-    class_names : from normal on, one more than thresholds.
-    unit : of the array, for people.
+    class_names : from normal on, one more than thresholds; by default those in use for the quantity.
+    unit : of the array, for people; by default that of a quantity that is known by its name.
     anatomy : names the regions; default: that of the map, or the left atrium.
 
     Raises
@@ -303,7 +306,8 @@ def measure_fibrosis(
     anatomy = anatomy or (data.template.anatomy if data is not None else LEFT_ATRIUM)
     corners = corner_values(surface, array)
     thresholds = rule.thresholds(blood_pool)
-    names = tuple(class_names) if class_names is not None else _default_names(rule)
+    names = tuple(class_names) if class_names is not None else _default_names(rule, array)
+    unit = unit or unit_of(array)
     if len(names) != len(thresholds) + 1:
         raise LAFlatteningError(f"Expected {len(thresholds) + 1} names of classes, found {len(names)}: {names}.")
     area = surface.triangle_areas / 100.0
@@ -406,8 +410,10 @@ def share_reaching(corners: FloatArray, threshold: float) -> FloatArray:
     return np.where(threshold <= low, 1.0, share)
 
 
-def _default_names(rule: Rule) -> tuple[str, ...]:
+def _default_names(rule: Rule, array: str) -> tuple[str, ...]:
     count = len(rule.factors)
+    if is_voltage(array) and rule.direction == "below" and count in _VOLTAGE_NAMES:
+        return _VOLTAGE_NAMES[count]
     numbered = ("normal", *(f"class {number}" for number in range(1, count + 1)))
     return _NAMES.get((rule.direction, count), numbered)
 

@@ -14,6 +14,7 @@ from ..files import atomic_write, check_writable, read_surface, read_volume
 from ..map_data import MapData
 from ..page import check_figure_path
 from ..parcellation import builtin_parcellations, parcels_of
+from ..quantities import is_voltage
 from ..surface import Surface
 from .command import Subcommands, add_command, check_distinct
 from .progress import Progress
@@ -38,7 +39,9 @@ def add(commands: Subcommands) -> None:
         "the units of the array. Several thresholds from normal to diseased",
     )
     sub.add_argument(
-        "--direction", choices=DIRECTIONS, default=DIRECTIONS[0], help="below: for voltage (default: %(default)s)"
+        "--direction",
+        choices=DIRECTIONS,
+        help="which values are diseased (default: below for an array whose name says voltage, else above)",
     )
     sub.add_argument("--volume", metavar="V", help="image in which the blood pool is measured, inside the atrium")
     sub.add_argument("--blood-pool-labels", metavar="L", help="label map of the blood, in place of the inside")
@@ -52,8 +55,10 @@ def add(commands: Subcommands) -> None:
         help=f"further parts to measure, may be repeated: {', '.join(builtin_parcellations())}, or a file",
     )
     sub.add_argument("--template", metavar="NAME|FILE.json", help="of the map (default: the one that the map names)")
-    sub.add_argument("--unit", default="", help="of the array, for the table and the figure, like mV")
-    sub.add_argument("--names", metavar="A,B[,...]", help="names of the classes, from normal on")
+    sub.add_argument("--unit", default="", help="of the array, like mV (default: that of a known quantity)")
+    sub.add_argument(
+        "--names", metavar="A,B[,...]", help="names of the classes, from normal on (default: by the quantity)"
+    )
     sub.add_argument("--output", required=True, metavar="F.json", help="areas and percentages")
     sub.add_argument("--csv", metavar="F.csv", help="the same as a table")
     sub.add_argument("--figure", metavar="F.png", help="a picture with the classes (.png .pdf .svg)")
@@ -64,7 +69,7 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
     if options.figure:
         check_figure_path(options.figure)
     check_distinct(options, ("map", "volume", "blood_pool_labels", "template", "output", "csv", "figure"))
-    rule = Rule.parse(options.rule, options.direction)
+    rule = Rule.parse(options.rule, options.direction or DIRECTIONS[is_voltage(options.array)])
     _check_options(options, rule)
     outputs = [path for path in (options.output, options.csv, options.figure) if path]
     for path in outputs:

@@ -68,7 +68,9 @@ def add(commands: Subcommands) -> None:
         "ablation lines (default: %(default)s)",
     )
     sub.add_argument("--second", metavar="MAP.vtp", help="another map to compare with; adds " + ", ".join(SECOND_FILES))
-    sub.add_argument("--array", metavar="NAME", help=f"array of this map that is compared (default: {ARRAY})")
+    sub.add_argument(
+        "--array", metavar="NAME", help=f"array that is drawn, and compared with the other map (default: {ARRAY})"
+    )
     sub.add_argument("--second-array", metavar="NAME", help="array of the other map (default: the same)")
     sub.add_argument("--method", choices=METHODS, default=METHODS[0], help="default: %(default)s")
     sub.add_argument(
@@ -89,6 +91,7 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
     surface, notes, is_label_map = read_input(options, part(progress, 0.0, 0.1))
     settings = settings_of(options, is_label_map)
     tips, planes = read_given(options, surface.space)
+    _check_array(options, surface)
     template = Template.load(options.template)
     volume = read_volume(options.volume) if options.volume else None
     second = MapData.of(read_surface(options.second), options.template) if options.second else None
@@ -114,7 +117,7 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
         assert preparation.cavity is not None
         flattener = Flattener(preparation.cavity, template, options.method, check_axes=not options.ignore_axes)
         flat_map = flattener.flatten(preparation.seeds, part(progress, 0.45, 0.7))
-        write_map(flat_map, files["map.vtp"], files["metrics.json"], files["figure.png"], None, progress)
+        write_map(flat_map, files["map.vtp"], files["metrics.json"], files["figure.png"], options.array, progress)
         if volume is not None:
             progress(0.75, "Measuring fibrosis and gaps")
             preparation.repairs += _measure(flat_map, rule, pool, files)
@@ -129,6 +132,15 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
     progress.clear()
     report_preparation(preparation)
     report_map(flat_map, [str(path) for path in files.values() if path.exists()])
+
+
+def _check_array(options: argparse.Namespace, surface: Surface) -> None:
+    """Raise LAFlatteningError, before any work, for an array to draw that the map will not have."""
+    known = sorted({*surface.point_data, *surface.cell_data, *([ARRAY] if options.volume else [])})
+    if options.array is not None and options.array not in known:
+        raise LAFlatteningError(
+            f'The atrium has no array "{options.array}"; found {", ".join(known) or "none"}. Check its name.'
+        )
 
 
 def _project(preparation: Preparation, volume: Volume) -> BloodPool:
