@@ -32,8 +32,11 @@ from .page import (
     save_page,
     show_raster,
     write_heading,
+    write_row,
     write_text,
 )
+from .parcel_figures import draw_outlines, list_parts
+from .parcellation import Parcellation
 from .shading import NO_VALUE, OPPOSITE, FloatArray, Paint, label_of, rasterise, shade, standard_view
 from .surface import Surface
 from .template import Template
@@ -56,20 +59,28 @@ MOST_PARTS = 12
 """More lines of a table do not fit on the page."""
 
 
-def draw_fibrosis(atrium: FlatMap | MapData | Surface, found: Fibrosis, path: Path | str) -> None:
+def draw_fibrosis(
+    atrium: FlatMap | MapData | Surface,
+    found: Fibrosis,
+    path: Path | str,
+    *,
+    parcellations: Sequence[Parcellation] = (),
+) -> None:
     """Write one page: classes on the atrium from behind and from the front, on its map, and areas by region.
 
     Parameters
     ----------
     atrium : what `measure_fibrosis` was given; of an atrium without a map, the map is left out.
     path : .png, .pdf or .svg.
+    parcellations : sub-regions to outline on the map, as they were measured; each has its line.
 
     Raises
     ------
+    TemplateError : a parcellation does not belong on the template of the map.
     MissingPackageError : matplotlib is not installed.
     InputFileError : another file type, or the file cannot be written.
     """
-    save_page(path, lambda: make_fibrosis_figure(atrium, found))
+    save_page(path, lambda: make_fibrosis_figure(atrium, found, parcellations=parcellations))
 
 
 def draw_comparison(found: Comparison, path: Path | str, *, names: tuple[str, str] = ("A", "B")) -> None:
@@ -87,7 +98,9 @@ def draw_difference(found: Comparison, path: Path | str, *, names: tuple[str, st
     save_page(path, lambda: make_difference_figure(found, names=names))
 
 
-def make_fibrosis_figure(atrium: FlatMap | MapData | Surface, found: Fibrosis) -> Figure:
+def make_fibrosis_figure(
+    atrium: FlatMap | MapData | Surface, found: Fibrosis, *, parcellations: Sequence[Parcellation] = ()
+) -> Figure:
     """The page of `draw_fibrosis` as a matplotlib Figure, with axes "posterior", "anterior" (mm), "map" (map units)."""
     require_matplotlib()
     surface, data = on_atrium(atrium)
@@ -98,11 +111,13 @@ def make_fibrosis_figure(atrium: FlatMap | MapData | Surface, found: Fibrosis) -
     _views(figure, surface, paint, BESIDE_A_MAP if data is not None else WITHOUT_A_MAP)
     if data is not None:
         axes = add_axes(figure, "map", (4.35, 1.75, 5.2, 5.2))
-        _draw_map(axes, data, paint)
+        _draw_map(axes, data, paint, bool(parcellations))
+        draw_outlines(axes, data.template, parcellations)
         outer = data.template.anatomy.openings[data.template.anatomy.outer]
         write_heading(axes, f"Map, seen from outside (outer rim: {outer})", 0.2)
     _class_legend(figure, paint, found)
     _class_table(figure, found)
+    list_parts(figure, found, 9.7, 5.35)
     return figure
 
 
@@ -289,12 +304,13 @@ def _views(figure: Figure, surface: Surface, paint: Paint, places: Sequence[tupl
         write_text(axes, (x + 10.0, y + 0.11 * mm_per_inch), "20 mm", SMALL_SIZE)
 
 
-def _draw_map(axes: Axes, data: MapData, paint: Paint) -> None:
+def _draw_map(axes: Axes, data: MapData, paint: Paint, has_parts: bool) -> None:
+    """The map in colours; regions are named unless numbers of parts are in the way."""
     template = data.template
     raster = rasterise_map(data.flat, data.triangles)
     show_raster(axes, raster, paint.rgb(raster))
     draw_template(axes, template)
-    if REGION_ARRAY in data.surface.cell_data:
+    if REGION_ARRAY in data.surface.cell_data and not has_parts:
         regions = np.asarray(data.surface.cell_data[REGION_ARRAY]).astype(np.int64)
         for region, (place, _) in raster.inmost_places(regions, raster.front).items():
             write_text(axes, place, f"R{region}", HEADING_SIZE, weight="bold", halo=True)
@@ -401,12 +417,3 @@ def _agreement_table(figure: Figure, found: Comparison) -> None:
         words += [f"{part.missing_percent:.1f}", f"{part.dice:.3f}"]
         cells = [(word.replace("nan", "-"), at) for word, (_, at) in zip(words, columns, strict=True)]
         write_row(figure, 1.9 - 0.18 * number, cells, INK)
-
-
-def write_row(figure: Figure, height: float, cells: Sequence[tuple[str, float]], colour: str) -> None:
-    """A line of a table: texts that begin at inches from the left, at a height in inches."""
-    for text, left in cells:
-        figure.text(
-            left / PAGE_INCHES[0], height / PAGE_INCHES[1], text, size=SMALL_SIZE, color=colour, ha="left", va="center",
-            parse_math=False,
-        )  # fmt: skip

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .analysis_figures import add_missing_legend, draw_grid, start_page, write_row
-from .page import FAINT, INK, SMALL_SIZE, TEXT_SIZE, add_axes, require_matplotlib, save_page, write_heading
+from .analysis_figures import add_missing_legend, draw_grid, start_page
+from .page import FAINT, INK, SMALL_SIZE, TEXT_SIZE, add_axes, require_matplotlib, save_page, write_heading, write_row
 from .several_maps import SeveralMaps
 from .shading import FloatArray, label_of
 

@@ -13,7 +13,7 @@ from ..fibrosis import DIRECTIONS, Fibrosis, Rule, measure_fibrosis, on_atrium
 from ..files import atomic_write, check_writable, read_surface, read_volume
 from ..map_data import MapData
 from ..page import check_figure_path
-from ..parcellation import builtin_parcellations, parcels_of
+from ..parcellation import Parcellation, builtin_parcellations, parcels_of
 from ..quantities import is_voltage
 from ..surface import Surface
 from .command import Subcommands, add_command, check_distinct
@@ -91,7 +91,12 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
     with ExitStack() as files:
         if options.figure:
             progress(0.6, "Drawing")
-            draw_fibrosis(atrium, found, files.enter_context(atomic_write(options.figure)))
+            draw_fibrosis(
+                atrium,
+                found,
+                files.enter_context(atomic_write(options.figure)),
+                parcellations=[Parcellation.load(name) for name in options.parcellation],
+            )
         if options.csv:
             files.enter_context(atomic_write(options.csv)).write_text(found.to_csv(), encoding="utf-8")
         text = json.dumps(found.to_dict(), indent=2) + "\n"

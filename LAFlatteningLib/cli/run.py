@@ -19,6 +19,7 @@ from ..gaps import find_gaps
 from ..gaps.figures import draw_gaps
 from ..gaps.search_areas import SEARCH_MM
 from ..map_data import MapData
+from ..parcellation import Parcellation, builtin_parcellations, parcels_of
 from ..preparation import Preparation, prepare
 from ..progress import part
 from ..projection import project
@@ -67,6 +68,13 @@ def add(commands: Subcommands) -> None:
         help="classes of fibrosis, sd=K,.. iir=R,.. or value=V,..; the first threshold is also that of gaps in "
         "ablation lines (default: %(default)s)",
     )
+    sub.add_argument(
+        "--parcellation",
+        action="append",
+        default=[],
+        metavar="NAME|FILE.json",
+        help=f"sub-regions to measure fibrosis in, may be repeated: {', '.join(builtin_parcellations())}, or a file",
+    )
     sub.add_argument("--second", metavar="MAP.vtp", help="another map to compare with; adds " + ", ".join(SECOND_FILES))
     sub.add_argument(
         "--array", metavar="NAME", help=f"array that is drawn, and compared with the other map (default: {ARRAY})"
@@ -93,6 +101,9 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
     tips, planes = read_given(options, surface.space)
     _check_array(options, surface)
     template = Template.load(options.template)
+    parcellations = [Parcellation.load(name) for name in options.parcellation]
+    for parcellation in parcellations:
+        parcellation.check_template(template)
     volume = read_volume(options.volume) if options.volume else None
     second = MapData.of(read_surface(options.second), options.template) if options.second else None
     if second is not None:
@@ -120,7 +131,7 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
         write_map(flat_map, files["map.vtp"], files["metrics.json"], files["figure.png"], options.array, progress)
         if volume is not None:
             progress(0.75, "Measuring fibrosis and gaps")
-            preparation.repairs += _measure(flat_map, rule, pool, files)
+            preparation.repairs += _measure(flat_map, rule, pool, parcellations, files)
         if second is not None:
             progress(0.9, "Comparing")
             _compare(flat_map, second, options, files)
@@ -153,9 +164,15 @@ def _project(preparation: Preparation, volume: Volume) -> BloodPool:
     return find_blood_pool(cavity, volume)
 
 
-def _measure(flat_map: FlatMap, rule: Rule, pool: BloodPool | None, files: dict[str, Path]) -> list[str]:
+def _measure(
+    flat_map: FlatMap,
+    rule: Rule,
+    pool: BloodPool | None,
+    parcellations: list[Parcellation],
+    files: dict[str, Path],
+) -> list[str]:
     """Write fibrosis by region, and gaps at its first threshold; returns what could not be measured."""
-    fibrosis = measure_fibrosis(flat_map, ARRAY, rule, pool)
+    fibrosis = measure_fibrosis(flat_map, ARRAY, rule, pool, parcels=parcels_of(flat_map, parcellations))
     notes = []
     gaps = None
     # In a narrow atrium the areas round veins may run into another opening; those drawn on the template do less often.
@@ -166,7 +183,8 @@ def _measure(flat_map: FlatMap, rule: Rule, pool: BloodPool | None, files: dict[
         except SurfaceError as error:
             notes.append(f"Gaps round the veins were not measured with the search area {search}: {error}")
     with ExitStack() as written:
-        draw_fibrosis(flat_map, fibrosis, written.enter_context(atomic_write(files["fibrosis.png"])))
+        page = written.enter_context(atomic_write(files["fibrosis.png"]))
+        draw_fibrosis(flat_map, fibrosis, page, parcellations=parcellations)
         found = {"fibrosis.json": fibrosis.to_dict()}
         if gaps is not None:
             found["gaps.json"] = gaps.to_dict()
