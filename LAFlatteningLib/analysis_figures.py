@@ -257,6 +257,8 @@ def _beyond(found: Fibrosis) -> str:
 
 def _facts(found: Fibrosis) -> list[str]:
     facts = [f"rule {found.rule}", "areas measured on the atrium in 3D"]
+    if found.sampled_mm is not None:
+        facts[-1] += f", image sampled every {found.sampled_mm:.1f} mm"
     if found.blood_pool is not None:
         pool = found.blood_pool
         volume = f", {pool.volume_ml:.1f} ml" if pool.volume_ml is not None else ""

@@ -13,7 +13,7 @@ import numpy as np
 
 from . import topology
 from .errors import InputFileError, LAFlatteningError, SurfaceError
-from .surface import FloatArray, Surface
+from .surface import FloatArray, IntArray, Surface
 from .volume import Volume
 
 LGE_ARRAY = "LGE"
@@ -105,6 +105,34 @@ def project(
     _check_image(volume)
     points = surface.points * surface.lps_signs
     normals = outward_normals(surface) * surface.lps_signs
+    values, inside, count = sample_along(volume, points, normals, (low, high), statistic)
+    used = surface.used_points
+    outside, partly = (int(np.count_nonzero(used & which)) for which in (inside == 0, (inside > 0) & (inside < count)))
+    if outside == np.count_nonzero(used):
+        raise InputFileError(_no_overlap(points[used], volume))
+    notes = []
+    if outside:
+        notes.append(
+            f"{outside} of {np.count_nonzero(used)} points have no value, because the image does not reach them."
+        )
+    if partly:
+        notes.append(
+            f"{partly} of {np.count_nonzero(used)} points are at the edge of the image: their values are of the part "
+            "of the depth that it covers."
+        )
+    return Projection(values, (low, high), float((high - low) / (count - 1)), statistic, outside, partly, tuple(notes))
+
+
+def sample_along(
+    volume: Volume, points: FloatArray, normals: FloatArray, interval_mm: tuple[float, float], statistic: str
+) -> tuple[FloatArray, IntArray, int]:
+    """Maximum or mean of an image along the normals at points (n, 3), LPS, mm.
+
+    Returns
+    -------
+    Values (n,), NaN where every sample is outside the image; number of samples inside it (n,); number of samples.
+    """
+    low, high = interval_mm
     count = int(np.ceil((high - low) / (0.5 * float(volume.spacing.min())) - 1e-9)) + 1
     along = np.linspace(low, high, count)
     weight = np.ones(count)
@@ -123,22 +151,8 @@ def project(
         else:
             total = weight @ known
             values[part] = (weight @ np.where(known, sample, 0.0)) / np.where(total > 0, total, 1.0)
-    used = surface.used_points
     values[inside == 0] = np.nan
-    outside, partly = (int(np.count_nonzero(used & which)) for which in (inside == 0, (inside > 0) & (inside < count)))
-    if outside == np.count_nonzero(used):
-        raise InputFileError(_no_overlap(points[used], volume))
-    notes = []
-    if outside:
-        notes.append(
-            f"{outside} of {np.count_nonzero(used)} points have no value, because the image does not reach them."
-        )
-    if partly:
-        notes.append(
-            f"{partly} of {np.count_nonzero(used)} points are at the edge of the image: their values are of the part "
-            "of the depth that it covers."
-        )
-    return Projection(values, (low, high), float((high - low) / (count - 1)), statistic, outside, partly, tuple(notes))
+    return values, inside, count
 
 
 def outward_normals(surface: Surface) -> FloatArray:

@@ -131,7 +131,7 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
         write_map(flat_map, files["map.vtp"], files["metrics.json"], files["figure.png"], options.array, progress)
         if volume is not None:
             progress(0.75, "Measuring fibrosis and gaps")
-            preparation.repairs += _measure(flat_map, rule, pool, parcellations, files)
+            preparation.repairs += _measure(flat_map, volume, rule, pool, parcellations, files)
         if second is not None:
             progress(0.9, "Comparing")
             _compare(flat_map, second, options, files)
@@ -166,13 +166,14 @@ def _project(preparation: Preparation, volume: Volume) -> BloodPool:
 
 def _measure(
     flat_map: FlatMap,
+    volume: Volume,
     rule: Rule,
     pool: BloodPool | None,
     parcellations: list[Parcellation],
     files: dict[str, Path],
 ) -> list[str]:
     """Write fibrosis by region, and gaps at its first threshold; returns what could not be measured."""
-    fibrosis = measure_fibrosis(flat_map, ARRAY, rule, pool, parcels=parcels_of(flat_map, parcellations))
+    fibrosis = measure_fibrosis(flat_map, ARRAY, rule, pool, parcels=parcels_of(flat_map, parcellations), volume=volume)
     notes = []
     gaps = None
     # In a narrow atrium the areas round veins may run into another opening; those drawn on the template do less often.
