@@ -143,11 +143,11 @@ def sample_along(
     group = max(1, SAMPLES_AT_ONCE // count)
     for first in range(0, len(points), group):
         part = slice(first, first + group)
-        sample = _samples(volume, points[part], normals[part], along)
+        sample = volume.sample_lines(points[part], normals[part], along)
         known = ~np.isnan(sample)
         inside[part] = known.sum(axis=0)
         if statistic == "max":
-            values[part] = np.where(known, sample, -np.inf).max(axis=0)
+            values[part] = np.fmax.reduce(sample, axis=0)
         else:
             total = weight @ known
             values[part] = (weight @ np.where(known, sample, 0.0)) / np.where(total > 0, total, 1.0)
@@ -216,12 +216,6 @@ def _check_image(volume: Volume) -> None:
             f"The image is {float(first):g} everywhere; expected one that shows the atrium. Check that it is the right "
             "volume, and that it was exported with its voxels."
         )
-
-
-def _samples(volume: Volume, points: FloatArray, normals: FloatArray, along: FloatArray) -> FloatArray:
-    """Values (k, n) at k distances along the normals of n points, LPS."""
-    places = points[None] + along[:, None, None] * normals[None]
-    return volume.sample(places.reshape(-1, 3)).reshape(len(along), len(points))
 
 
 def _no_overlap(points: FloatArray, volume: Volume) -> str:
