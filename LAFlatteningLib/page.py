@@ -157,3 +157,12 @@ def write_text(
     written = axes.text(place[0], place[1], text, size=size, color=colour, parse_math=False, zorder=8, **options)
     if halo:
         written.set_path_effects([withStroke(linewidth=2.4, foreground="white", alpha=0.85)])
+
+
+def write_row(figure: Figure, height: float, cells: Sequence[tuple[str, float]], colour: str) -> None:
+    """A line of a table: texts that begin at inches from the left, at a height in inches."""
+    for text, left in cells:
+        figure.text(
+            left / PAGE_INCHES[0], height / PAGE_INCHES[1], text, size=SMALL_SIZE, color=colour, ha="left", va="center",
+            parse_math=False,
+        )  # fmt: skip
