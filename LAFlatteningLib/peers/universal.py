@@ -1,0 +1,272 @@
+"""Universal atrial coordinates (UAC): two coordinates by Laplace's equation, drawn on the unit square.
+
+x goes from the lateral (0) to the septal wall (1), y from the posterior rim of the valve (0) over the roof (0.5) to its
+anterior rim (1). The square is the atrium cut open along a septal line (RSPV to valve) and a lateral line (LSPV to
+valve); the roof line (LSPV to RSPV) parts its posterior from its anterior half.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import dijkstra
+
+from .. import topology
+from ..division import Division, label_regions
+from ..errors import SurfaceError
+from ..flattening.flat_map import FlatMap
+from ..progress import ProgressCallback, report
+from ..rim_length import rim_lengths
+from ..solvers import harmonic
+from ..surface import FloatArray, IntArray, Surface
+from ..template import Shape
+from .peer_map import PeerMap
+
+SOURCE = (
+    "Roney et al., Universal atrial coordinates applied to visualisation, registration and construction of patient "
+    "specific meshes, Med. Image Anal. 55, 2019"
+)
+HOLES: Mapping[str, Shape] = {
+    "RIPV": Shape((0.87, 0.315), (0.06, 0.06)),
+    "LIPV": Shape((0.13, 0.315), (0.06, 0.06)),
+    "LAA": Shape((0.161, 0.865), (0.069, 0.075)),
+    "RSPV": Shape((0.885, 0.5), (0.115, 0.11)),
+    "LSPV": Shape((0.115, 0.5), (0.115, 0.11)),
+}
+"""Where the ostia are, read off published coordinates of one atrium. Of the superior veins the ellipse's upper half
+bounds the anterior side; their posterior side is the diameter, on the roof line."""
+NEEDED = {
+    "openings": ("RSPV", "RIPV", "LIPV", "LSPV", "LAA", "MV"),
+    "paths": ("s3", "s4", "s5", "s7", "s8", "s9"),
+}
+"""What of an anatomy the coordinates are made of: they exist for the left atrium only."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """The three lines of the coordinates, as point ids of one surface.
+
+    Attributes
+    ----------
+    roof : from the rim of LSPV to that of RSPV.
+    septal : from the rim of RSPV to the valve.
+    lateral : from the rim of LSPV to the valve.
+    """
+
+    roof: IntArray
+    septal: IntArray
+    lateral: IntArray
+
+
+def universal_map(
+    flat_map: FlatMap, lateral_end: FloatArray | None = None, progress: ProgressCallback | None = None
+) -> PeerMap:
+    """The atrium in universal atrial coordinates.
+
+    Parameters
+    ----------
+    flat_map : our map of the atrium by the method ``regional``, for its paths.
+    lateral_end : (3,) mm, where the lateral line reaches the valve; by default the point between MV3 and MV4 that is
+        nearest to LSPV.
+
+    Returns
+    -------
+    PeerMap in the unit square. Its surface is cut along the septal and the lateral line, whose points therefore come
+    twice; the copies come after the points of the cavity and of its paths.
+
+    Notes
+    -----
+    Septal and roof line are our paths s5 and s4; the lateral line is the shortest way along edges from LSPV to the
+    valve within our region 3, between appendage and LIPV. The source takes geodesics between five landmarks.
+    x: Laplace's equation with 0 and 1 on the lateral and the septal line; y: with 0 and 1 on the posterior and the
+    anterior rim of the valve and 0.5 on the roof line. Solved twice: first with the rims of the superior veins on
+    `HOLES`, then with all, each by its length, turned to where it lay in the first solution.
+    Deviation: published files also hold lines between the ends of the ellipses straight; here they are free.
+
+    Raises
+    ------
+    SurfaceError : another chamber, another method, or no way for the lateral line.
+    Cancelled : by `progress`.
+    """
+    report(progress, 0.0, "Solving for universal coordinates")
+    began = time.perf_counter()
+    anatomy, division = flat_map.template.anatomy, flat_map.division
+    if not set(NEEDED["openings"]) <= set(anatomy.openings) or not set(NEEDED["paths"]) <= set(anatomy.paths):
+        raise SurfaceError(
+            f"Universal atrial coordinates need the openings {', '.join(NEEDED['openings'])} of a left atrium; found "
+            f"{', '.join(anatomy.openings)}. Leave this map out."
+        )
+    if flat_map.method != "regional":
+        raise SurfaceError("Universal atrial coordinates need paths that do not touch: take a map of method regional.")
+    region = label_regions(division, anatomy)
+    lines = Lines(division.paths["s4"], division.paths["s5"], _lateral_line(division, region, lateral_end))
+    anterior = _anterior(division.surface, region, lines)
+    rims = {opening: division.loops[opening] for opening in anatomy.openings}
+    placed = _superior_rims(division, lines)
+    _, places, _ = unit_square(division.surface, anterior, lines, rims["MV"], *placed)
+    for hole in ("RIPV", "LIPV", "LAA"):
+        ellipse = _round_ellipse(division.surface.points[rims[hole]], places[rims[hole]], HOLES[hole])
+        placed = (np.concatenate([placed[0], rims[hole]]), np.concatenate([placed[1], ellipse]))
+    cut, places, _ = unit_square(division.surface, anterior, lines, rims["MV"], *placed)
+    seconds = time.perf_counter() - began + flat_map.seconds["cavity"] + flat_map.seconds["division"]
+    report(progress, 1.0, "Solved for universal coordinates")
+    return PeerMap(
+        "universal",
+        "universal atrial coordinates",
+        cut,
+        places,
+        division.parent,
+        len(flat_map.surface.points),
+        {hole: rims[hole] for hole in anatomy.holes},
+        {hole: _centroid(hole) for hole in HOLES},
+        seconds,
+        SOURCE,
+        ("Our paths s4 and s5 are the roof and the septal line; lines between the ellipses are not held straight.",),
+    )
+
+
+def unit_square(
+    surface: Surface,
+    anterior: NDArray[np.bool_],
+    lines: Lines,
+    valve: IntArray,
+    rim_ids: IntArray,
+    rim_places: FloatArray,
+) -> tuple[Surface, FloatArray, IntArray]:
+    """The two coordinates of a surface, once its lines, halves and rims are known.
+
+    Parameters
+    ----------
+    surface : (n points) the lines run along its edges.
+    anterior : (m,) which triangles lie before the roof, septal and lateral line.
+    valve : the points of the valve's rim.
+    rim_ids, rim_places : (b,) points of the other rims and (b, 2) their coordinates; those on the roof's height have
+        y = 0.5.
+
+    Returns
+    -------
+    cut : the surface with the points of septal and lateral line doubled: the old ones belong to the posterior half.
+    places : (points of `cut`, 2) x and y.
+    original : (points of `cut`,) the point of `surface` that each is.
+
+    Source: Roney et al. 2019, with each coordinate harmonic between its values on lines and rims.
+    """
+    n = len(surface.points)
+    # A point on the roof's height is one point of the square; the others of both lines are two.
+    doubled = np.setdiff1d(np.concatenate([lines.septal, lines.lateral]), rim_ids)
+    copy = np.arange(n)
+    copy[doubled] = n + np.arange(len(doubled))
+    original = np.concatenate([np.arange(n), doubled])
+    triangles = np.where(anterior[:, None], copy[surface.triangles], surface.triangles)
+    cut = Surface(
+        surface.points[original],
+        triangles,
+        {name: values[original] for name, values in surface.point_data.items()},
+        surface.cell_data,
+        surface.field_data,
+        surface.space,
+    )
+
+    def solve(values: FloatArray) -> FloatArray:
+        ids = np.flatnonzero(np.isfinite(values))
+        return harmonic(cut.laplacian, ids, values[ids, None])[0][:, 0]
+
+    x, y = np.full((2, len(original)), np.nan)
+    for line, value in ((lines.lateral, 0.0), (lines.septal, 1.0)):
+        x[line] = x[copy[line]] = value
+    # The ends of the lines are on both halves of the valve's rim.
+    for half, value in ((~anterior, 0.0), (anterior, 1.0)):
+        on_valve = np.zeros(len(original), bool)
+        on_valve[valve] = on_valve[copy[valve]] = True
+        used = np.unique(triangles[half])
+        y[used[on_valve[used]]] = value
+    y[lines.roof] = 0.5
+    x[rim_ids], y[rim_ids] = rim_places.T
+    return cut, np.stack([solve(x), solve(y)], axis=1), original
+
+
+def _lateral_line(division: Division, region: IntArray, end: FloatArray | None) -> IntArray:
+    """Shortest way along edges from the rim of LSPV (between s8 and s3) to the valve (between s9 and s7)."""
+    part, ids = division.surface.submesh(region == 3)
+    # The line may not touch other rims and paths, and has but its ends on the two rims that it joins.
+    taken, on_rim = np.zeros((2, len(division.surface.points)), bool)
+    for path in division.paths.values():
+        taken[path] = True
+    for opening, loop in division.loops.items():
+        (on_rim if opening in ("LSPV", "MV") else taken)[loop] = True
+    starts = np.flatnonzero(np.isin(ids, division.loops["LSPV"]) & ~taken[ids])
+    ends = np.flatnonzero(np.isin(ids, division.loops["MV"]) & ~taken[ids])
+    if end is not None and len(ends):
+        ends = ends[[np.linalg.norm(part.points[ends] - np.asarray(end, np.float64), axis=1).argmin()]]
+    closed = taken[ids] | on_rim[ids]
+    closed[ends] = closed[starts] = False
+    graph = part.edge_graph.tocoo()
+    open_edge = ~closed[graph.row] & ~closed[graph.col] & ~(on_rim[ids[graph.row]] & on_rim[ids[graph.col]])
+    graph = sparse.coo_matrix(
+        (graph.data[open_edge], (graph.row[open_edge], graph.col[open_edge])), graph.shape
+    ).tocsr()
+    if len(starts) and len(ends):
+        distance, before, _ = dijkstra(graph, indices=ends, min_only=True, return_predecessors=True)
+        way = [int(starts[distance[starts].argmin()])]
+        if np.isfinite(distance[way[0]]):
+            while before[way[-1]] >= 0:
+                way.append(int(before[way[-1]]))
+            return ids[way]
+    raise SurfaceError(
+        "There is no way for the lateral line from LSPV to the valve between the appendage and LIPV. Check the seeds "
+        "MV3 and MV4, or take a finer mesh."
+    )
+
+
+def _anterior(surface: Surface, region: IntArray, lines: Lines) -> NDArray[np.bool_]:
+    """(m,) the triangles before the three lines: the piece with the anterior wall, region 4."""
+    edges, n = surface.edges, len(surface.points)
+    pairs = np.concatenate(
+        [np.stack([line[:-1], line[1:]], axis=1) for line in (lines.roof, lines.septal, lines.lateral)]
+    )
+    blocked = np.isin(edges.points[:, 0] * n + edges.points[:, 1], pairs.min(axis=1) * n + pairs.max(axis=1))
+    piece = topology.triangle_components(surface.triangles, edges, blocked)
+    return np.asarray(piece == np.bincount(piece[region == 4]).argmax())
+
+
+def _superior_rims(division: Division, lines: Lines) -> tuple[IntArray, FloatArray]:
+    """The rims of LSPV and RSPV and their places: upper half ellipse before the roof, diameter behind it."""
+    ids, places = [], []
+    # Counter-clockwise from the roof line, the rim of RSPV is first behind it, that of LSPV first before it.
+    for hole, other_foot, first_behind in (("RSPV", lines.septal[0], True), ("LSPV", lines.lateral[0], False)):
+        loop, shape = division.loops[hole], HOLES[hole]
+        along = rim_lengths(division.surface.points[loop])
+        turn = int(np.flatnonzero(loop == other_foot)[0])
+        first = along[: turn + 1] / along[turn]
+        second = (along[turn:-1] - along[turn]) / (along[-1] - along[turn])
+        for share, behind, part in ((first, first_behind, loop[:turn]), (second, not first_behind, loop[turn:])):
+            share = share[: len(part)]
+            ids.append(part)
+            if behind:
+                x = shape.centre[0] - shape.semi_axes[0] + 2.0 * shape.semi_axes[0] * share
+                places.append(np.stack([x, np.full(len(x), shape.centre[1])], axis=1))
+            else:
+                places.append(shape.at(shape.angle_at(0.0, 180.0, share)))
+    return np.concatenate(ids), np.concatenate(places)
+
+
+def _round_ellipse(rim: FloatArray, before: FloatArray, shape: Shape) -> FloatArray:
+    """Places (k, 2) on an ellipse by length along the rim (k, 3), turned to where the points lay `before` (k, 2)."""
+    lengths = rim_lengths(rim)
+    angle = shape.angle_at(0.0, 360.0, lengths[:-1] / lengths[-1])
+    away = (before - before.mean(axis=0)) / np.asarray(shape.semi_axes)
+    seen = np.arctan2(away[:, 1], away[:, 0])
+    turn = np.angle(np.exp(1j * (seen - np.deg2rad(angle))).sum())
+    return shape.at(angle + np.rad2deg(turn))
+
+
+def _centroid(hole: str) -> FloatArray:
+    """Centre of the hole on the square: of the half ellipse for the superior veins."""
+    shape = HOLES[hole]
+    up = 4.0 * shape.semi_axes[1] / (3.0 * np.pi) if hole in ("RSPV", "LSPV") else 0.0
+    return np.array([shape.centre[0], shape.centre[1] + up])
