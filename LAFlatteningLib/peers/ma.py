@@ -11,11 +11,11 @@ from scipy.optimize import minimize
 from scipy.sparse.csgraph import dijkstra
 
 from ..flattening.flat_map import FlatMap
-from ..half_edges import HalfEdges
 from ..progress import ProgressCallback, report
 from ..surface import FloatArray, IntArray, Surface
 from .conformal import conformal_disk
 from .peer_map import OuterRim, PeerMap, whole_cavity
+from .spots import distance_graph
 
 SAMPLES = 250
 """Points between all pairs of which distances are compared."""
@@ -96,10 +96,7 @@ def spread_samples(surface: Surface, count: int) -> tuple[IntArray, FloatArray]:
     samples : (count,) point ids.
     distance : (count, n) mm from each to every point, along edges and across pairs of triangles.
     """
-    ends, lengths = HalfEdges.of(surface).diagonals()
-    n = len(surface.points)
-    across = sparse.coo_matrix((lengths, (ends[:, 0], ends[:, 1])), shape=(n, n))
-    graph = surface.edge_graph + (across + across.T).tocsr()
+    graph = distance_graph(surface)
     samples = [int(np.linalg.norm(surface.points - surface.points.mean(axis=0), axis=1).argmax())]
     rows = [dijkstra(graph, indices=samples[0])]
     nearest = rows[0].copy()

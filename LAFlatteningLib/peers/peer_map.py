@@ -11,7 +11,7 @@ import numpy as np
 
 from .. import distortion, operators
 from ..anatomy import Anatomy
-from ..flattening.flat_map import FlatMap
+from ..flattening.flat_map import POSITION_ARRAY, REGION_ARRAY, FlatMap
 from ..rim_length import rim_lengths
 from ..surface import FloatArray, IntArray, Surface
 
@@ -26,7 +26,7 @@ class PeerMap:
     surface : the mesh that was laid flat, mm. Its first `cavity_points` points are those of the cavity, in its order;
         methods that cut the surface add others.
     points : (n, 2) places of its points on the map, in units of that map; NaN where a point has none.
-    triangle_of : (m,) triangle of ``FlatMap.surface`` of which each of its triangles is a part.
+    regions : (m,) number of the region of each of its triangles, by our division.
     cavity_points : number of points of the cavity.
     rims : opening -> its rim as point ids.
     fixed : opening -> (2,) the centre that the method gives it in every atrium; openings that it does not place are
@@ -41,7 +41,7 @@ class PeerMap:
     title: str
     surface: Surface
     points: FloatArray
-    triangle_of: IntArray
+    regions: IntArray
     cavity_points: int
     rims: Mapping[str, IntArray]
     fixed: Mapping[str, FloatArray]
@@ -99,6 +99,17 @@ class PeerMap:
             return None
         away = [np.linalg.norm(self.centre(hole) - place) for hole, place in self.fixed.items()]
         return float(np.sqrt(np.mean(np.square(away)))) / self.half_width
+
+    def to_surface(self) -> Surface:
+        """The map as a surface in the plane z = 0, with the arrays of its mesh, ``position_mm`` and ``region``."""
+        return Surface(
+            np.column_stack([self.points, np.zeros(len(self.points))]),
+            self.triangles,
+            {**self.surface.point_data, POSITION_ARRAY: self.surface.points},
+            {REGION_ARRAY: self.regions.astype(np.int32)},
+            {"peer": np.array([self.name], dtype=object), "source": np.array([self.source], dtype=object)},
+            "RAS",
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +183,7 @@ def whole_cavity(
         title,
         flat_map.surface,
         points,
-        np.arange(len(flat_map.triangles)),
+        flat_map.regions,
         len(flat_map.surface.points),
         cavity_rims(flat_map),
         fixed or {},

@@ -120,7 +120,7 @@ def universal_map(
         "universal atrial coordinates",
         cut,
         places,
-        division.parent,
+        region,
         len(flat_map.surface.points),
         {hole: rims[hole] for hole in anatomy.holes},
         {hole: _centroid(hole) for hole in HOLES},
