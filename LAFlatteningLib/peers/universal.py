@@ -105,7 +105,7 @@ def universal_map(
         raise SurfaceError("Universal atrial coordinates need paths that do not touch: take a map of method regional.")
     region = label_regions(division, anatomy)
     lines = Lines(division.paths["s4"], division.paths["s5"], _lateral_line(division, region, lateral_end))
-    anterior = _anterior(division.surface, region, lines)
+    anterior = halves(division.surface, lines, region == 4)
     rims = {opening: division.loops[opening] for opening in anatomy.openings}
     placed = _superior_rims(division, lines)
     _, places, _ = unit_square(division.surface, anterior, lines, rims["MV"], *placed)
@@ -223,15 +223,15 @@ def _lateral_line(division: Division, region: IntArray, end: FloatArray | None) 
     )
 
 
-def _anterior(surface: Surface, region: IntArray, lines: Lines) -> NDArray[np.bool_]:
-    """(m,) the triangles before the three lines: the piece with the anterior wall, region 4."""
+def halves(surface: Surface, lines: Lines, surely_anterior: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(m,) which triangles lie before the three lines: the piece with most of some triangles (m,) that surely do."""
     edges, n = surface.edges, len(surface.points)
     pairs = np.concatenate(
         [np.stack([line[:-1], line[1:]], axis=1) for line in (lines.roof, lines.septal, lines.lateral)]
     )
     blocked = np.isin(edges.points[:, 0] * n + edges.points[:, 1], pairs.min(axis=1) * n + pairs.max(axis=1))
     piece = topology.triangle_components(surface.triangles, edges, blocked)
-    return np.asarray(piece == np.bincount(piece[region == 4]).argmax())
+    return np.asarray(piece == np.bincount(piece[surely_anterior]).argmax())
 
 
 def _superior_rims(division: Division, lines: Lines) -> tuple[IntArray, FloatArray]:
