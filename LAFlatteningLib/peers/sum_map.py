@@ -31,7 +31,7 @@ SOURCE = (
 )
 LAYOUT = "adapted2"
 """The template whose holes lie as on the SUM disk: by it the holes of a disk get their names."""
-NEAR = 0.15
+NEAR = 0.08
 """On a disk with the layout of SUM no hole is farther than this from its place, in radii."""
 
 

@@ -135,8 +135,8 @@ def unit_square(
     anterior: NDArray[np.bool_],
     lines: Lines,
     valve: IntArray,
-    rim_ids: IntArray,
-    rim_places: FloatArray,
+    held: IntArray,
+    held_places: FloatArray,
 ) -> tuple[Surface, FloatArray, IntArray]:
     """The two coordinates of a surface, once its lines, halves and rims are known.
 
@@ -145,8 +145,8 @@ def unit_square(
     surface : (n points) the lines run along its edges.
     anterior : (m,) which triangles lie before the roof, septal and lateral line.
     valve : the points of the valve's rim.
-    rim_ids, rim_places : (b,) points of the other rims and (b, 2) their coordinates; those on the roof's height have
-        y = 0.5.
+    held, held_places : (b,) points of the other rims, or of any line, and (b, 2) their coordinates, NaN for one that
+        is free; those on the roof's height have y = 0.5.
 
     Returns
     -------
@@ -158,7 +158,7 @@ def unit_square(
     """
     n = len(surface.points)
     # A point on the roof's height is one point of the square; the others of both lines are two.
-    doubled = np.setdiff1d(np.concatenate([lines.septal, lines.lateral]), rim_ids)
+    doubled = np.setdiff1d(np.concatenate([lines.septal, lines.lateral]), held)
     copy = np.arange(n)
     copy[doubled] = n + np.arange(len(doubled))
     original = np.concatenate([np.arange(n), doubled])
@@ -186,7 +186,8 @@ def unit_square(
         used = np.unique(triangles[half])
         y[used[on_valve[used]]] = value
     y[lines.roof] = 0.5
-    x[rim_ids], y[rim_ids] = rim_places.T
+    for values, given in ((x, held_places[:, 0]), (y, held_places[:, 1])):
+        values[held[np.isfinite(given)]] = given[np.isfinite(given)]
     return cut, np.stack([solve(x), solve(y)], axis=1), original
 
 

@@ -25,6 +25,8 @@ TAGS = {"LAA": 13, "LSPV": 21, "LIPV": 23, "RSPV": 25, "RIPV": 27}
 """Cell array ``tag`` of the atrium with published universal coordinates; the body is 11."""
 BODY = 11
 ON_LINE = 1e-6
+STRAIGHT = {0: (0.23, 0.77), 1: (0.255, 0.375, 0.61)}
+"""Values of x and y that a hundred published points have exactly: lines between the ends of the ellipses."""
 
 
 def sum_template() -> SumTemplate | None:
@@ -49,8 +51,8 @@ def peers(template: SumTemplate | None) -> None:
 
 def atlas(template: SumTemplate) -> None:
     """The template of SUM laid flat by its own map and by ours."""
-    print("\n| map of the SUM template | folded | beta mean | beta median | alpha entropy | alpha 5 to 95 % |")
-    print("|---|---|---|---|---|---|")
+    head = ("map of the SUM template", "folded", "beta mean", "median", "above .8", "alpha entropy", "5 to 95 %")
+    print(f"\n| {' | '.join(head)} |\n{'|---' * len(head)}|")
     surface = template.surface
     rows = {"SUM, its own map": (surface, template.disk)}
     for method in ("paper", "regional"):
@@ -60,9 +62,11 @@ def atlas(template: SumTemplate) -> None:
     for title, (mesh, flat) in rows.items():
         figures = distortion.summary(mesh.points, mesh.triangles, flat)
         alpha, beta = figures["alpha"], figures["beta"]
+        folded = len(distortion.folded_triangles(flat, mesh.triangles))
+        near_one = 100.0 * np.mean(distortion.isotropy(mesh.points, mesh.triangles, flat) > 0.8)
         print(
-            f"| {title} | {len(distortion.folded_triangles(flat, mesh.triangles))} | {beta['mean']:.3f} | "
-            f"{beta['median']:.3f} | {alpha['entropy']:.2f} | {alpha['p5']:.2f} to {alpha['p95']:.2f} |",
+            f"| {title} | {folded} | {beta['mean']:.3f} | {beta['median']:.3f} | {near_one:.0f} % | "
+            f"{alpha['entropy']:.2f} | {alpha['p5']:.2f} to {alpha['p95']:.2f} |",
             flush=True,
         )
 
@@ -117,7 +121,8 @@ def coordinates() -> None:
         flat_map = Flattener(body, check_axes=False).flatten(used)
         found = universal.universal_map(flat_map, end)
         report(title, found.on_cavity, published, len(found.folded_triangles))
-    report("their lines", *_on_their_lines(body, published, rims, ends))
+    for title, straight in (("their lines", False), ("and the straight ones between the ellipses", True)):
+        report(title, *_on_their_lines(body, published, rims, ends, straight))
     span = np.ptp(published[body.triangles], axis=1).max(axis=1)
     whole = body.triangles[span < 0.2]
     print(
@@ -126,7 +131,11 @@ def coordinates() -> None:
 
 
 def _on_their_lines(
-    body: Surface, published: np.ndarray, rims: Mapping[str, np.ndarray], ends: Mapping[float, np.ndarray]
+    body: Surface,
+    published: np.ndarray,
+    rims: Mapping[str, np.ndarray],
+    ends: Mapping[float, np.ndarray],
+    straight: bool,
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Coordinates solved with the published lines and rims: what is left is the way of solving."""
     x, y = published.T
@@ -143,7 +152,16 @@ def _on_their_lines(
     half = np.where(np.abs(y[body.triangles].mean(axis=1) - 0.5) < 0.5, y[body.triangles].mean(axis=1), 0.0)
     anterior = universal.halves(body, lines, half > 0.6)
     held = np.concatenate([rims[hole] for hole in TAGS])
-    cut, places, _ = universal.unit_square(body, anterior, lines, rims["MV"], held, published[held])
+    places = published[held]
+    if straight:
+        # Points of one published height or side: only that coordinate is held.
+        for axis, levels in STRAIGHT.items():
+            for level in levels:
+                on_line = np.setdiff1d(np.flatnonzero(np.abs(published[:, axis] - level) < ON_LINE), held)
+                free = np.full((len(on_line), 2), np.nan)
+                free[:, axis] = level
+                held, places = np.concatenate([held, on_line]), np.concatenate([places, free])
+    cut, places, _ = universal.unit_square(body, anterior, lines, rims["MV"], held, places)
     return places[: len(body.points)], published, len(distortion.folded_triangles(places, cut.triangles))
 
 
