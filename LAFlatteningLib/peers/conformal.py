@@ -39,10 +39,11 @@ def conformal_map(flat_map: FlatMap, progress: ProgressCallback | None = None) -
 
     Notes
     -----
-    Deviations: the published figure solves for the inner points only, with the rim at equal steps; that is not
-    conformal near the rim. Here the places along the rim are found as well (`conformal_disk`). Of the conformal maps,
-    which differ by a Moebius transformation, the one is taken whose centre is the centre of the atrium's area and on
-    which the seeds of the valve are nearest to their angles in the template.
+    Deviations: the published figure solves for the inner points only, with the rim at equal steps (our strategy
+    ``mitral``, `flattening.strategies`), and that is not conformal near the rim. Here the places along the rim are
+    found as well (`conformal_disk`). Of the conformal maps, which differ by a Moebius transformation, the one is taken
+    whose centre is the centre of the atrium's area and on which the seeds of the valve are nearest to their angles in
+    the template.
 
     Raises
     ------

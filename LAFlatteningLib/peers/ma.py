@@ -11,11 +11,12 @@ from scipy.optimize import minimize
 from scipy.sparse.csgraph import dijkstra
 
 from ..flattening.flat_map import FlatMap
+from ..half_edges import HalfEdges
 from ..progress import ProgressCallback, report
 from ..surface import FloatArray, IntArray, Surface
+from ..textures import spread_points
 from .conformal import conformal_disk
 from .peer_map import OuterRim, PeerMap, whole_cavity
-from .spots import distance_graph
 
 SAMPLES = 250
 """Points between all pairs of which distances are compared."""
@@ -59,7 +60,8 @@ def distance_map(flat_map: FlatMap, progress: ProgressCallback | None = None) ->
     cavity, rim = flat_map.cavity, OuterRim.of(flat_map)
     closed = cavity.closed
     disk = equal_area_disk(conformal_disk(closed.laplacian, closed.mass, cavity.ids[rim.ids], rim.turns), closed.mass)
-    samples, distance = spread_samples(closed, min(SAMPLES, len(closed.points)))
+    samples = spread_points(closed, min(SAMPLES, len(closed.points)))
+    distance = distances(closed, samples)
     report(progress, 0.4, "Bending the plane")
     weights = spline_weights(disk)
     control = proportional(weights[samples], distance[:, samples], np.sqrt(closed.area / np.pi) * control_grid())
@@ -88,23 +90,12 @@ def equal_area_disk(disk: FloatArray, mass: FloatArray) -> FloatArray:
     return disk * (np.sqrt(share) / np.maximum(radius, 1e-300))[:, None]
 
 
-def spread_samples(surface: Surface, count: int) -> tuple[IntArray, FloatArray]:
-    """Points spread over a surface, each the farthest from those before, and their distances.
-
-    Returns
-    -------
-    samples : (count,) point ids.
-    distance : (count, n) mm from each to every point, along edges and across pairs of triangles.
-    """
-    graph = distance_graph(surface)
-    samples = [int(np.linalg.norm(surface.points - surface.points.mean(axis=0), axis=1).argmax())]
-    rows = [dijkstra(graph, indices=samples[0])]
-    nearest = rows[0].copy()
-    while len(samples) < count:
-        samples.append(int(np.where(np.isfinite(nearest), nearest, -1.0).argmax()))
-        rows.append(dijkstra(graph, indices=samples[-1]))
-        np.minimum(nearest, rows[-1], out=nearest)
-    return np.array(samples), np.stack(rows)
+def distances(surface: Surface, samples: IntArray) -> FloatArray:
+    """(k, n) mm from each sample (k,) to every point, along edges and across pairs of triangles."""
+    ends, lengths = HalfEdges.of(surface).diagonals()
+    n = len(surface.points)
+    across = sparse.coo_matrix((lengths, (ends[:, 0], ends[:, 1])), shape=(n, n))
+    return np.asarray(dijkstra(surface.edge_graph + (across + across.T).tocsr(), indices=samples))
 
 
 def spline_weights(disk: FloatArray) -> sparse.csr_matrix:

@@ -1,67 +1,44 @@
-"""Spots spread over the atrium, and how many of them are no longer there on a picture of a map."""
+"""Spots on the atrium, and how many of them are no longer there on a picture of a map."""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from ..half_edges import HalfEdges
 from ..shading import rasterise
 from ..surface import FloatArray, IntArray, Surface
+from ..textures import circles
 from .peer_map import PeerMap
 
 SPOTS = 500
-"""As many as in the paper's appendix."""
-COVER = 0.25
-"""Share of the atrium's area that the spots cover together."""
+"""As many as in the paper's appendix,"""
+POINTS_OF_A_SPOT = 12
+"""... but no more than one for so many points of the mesh."""
 PIXELS = 256
 """Width of the picture on which spots are looked for, pixels."""
-NO_SPOT = -1
+NO_SPOT = 0
 
 
-def distance_graph(surface: Surface) -> sparse.csr_matrix:
-    """(n, n) symmetric sparse lengths, mm, along edges and across pairs of triangles."""
-    ends, lengths = HalfEdges.of(surface).diagonals()
-    n = len(surface.points)
-    across = sparse.coo_matrix((lengths, (ends[:, 0], ends[:, 1])), shape=(n, n))
-    return surface.edge_graph + (across + across.T).tocsr()
-
-
-def spread_spots(surface: Surface, count: int = SPOTS, cover: float = COVER) -> IntArray:
-    """The spot that each point lies in, (n,), `NO_SPOT` for none.
-
-    Centres are points of the surface, each the farthest from those before; a spot holds what is nearer to its centre
-    than to others and within the radius with which flat circles cover the given share of the area.
+def spots_on(surface: Surface, count: int = SPOTS) -> IntArray:
+    """The spot that each point lies in, (n,), from 1 on, `NO_SPOT` for none: `textures.circles`.
 
     Parameters
     ----------
     surface : the open cavity, mm.
-    count : number of spots, at most one a point.
+    count : number of spots, fewer on coarse meshes (`POINTS_OF_A_SPOT`).
+
+    Raises
+    ------
+    LAFlatteningError : spots smaller than the triangles, on very uneven meshes.
 
     Examples
     --------
     >>> from LAFlatteningLib import make_phantom
-    >>> len(np.unique(spread_spots(make_phantom(1000).surface, 50))) - 1
-    50
+    >>> int(spots_on(make_phantom(1200).surface).max())
+    100
     """
-    graph = distance_graph(surface)
-    radius = np.sqrt(cover * surface.area / (count * np.pi))
-    used = np.flatnonzero(surface.used_points)
-    nearest = np.full(len(surface.points), -1.0)
-    nearest[used] = np.inf
-    spot = np.full(len(surface.points), NO_SPOT)
-    centre = int(used[0])
-    for number in range(min(count, len(used))):
-        # Nothing farther than the emptiest place can come nearer to the new centre than to an old one.
-        distance = dijkstra(graph, indices=centre, limit=float(nearest.max()))
-        closer = distance < nearest
-        nearest[closer] = distance[closer]
-        spot[closer] = number
-        centre = int(nearest.argmax())
-    spot[nearest > radius] = NO_SPOT
-    return spot
+    pattern = circles(surface, min(count, len(surface.points) // POINTS_OF_A_SPOT))
+    return np.where(pattern.values > 0.0, pattern.labels, NO_SPOT)
 
 
 def lost_spots(found: PeerMap, spot: IntArray, pixels: int = PIXELS) -> int:
@@ -73,7 +50,7 @@ def lost_spots(found: PeerMap, spot: IntArray, pixels: int = PIXELS) -> int:
 
     Parameters
     ----------
-    spot : (points of the cavity,) of `spread_spots`.
+    spot : (points of the cavity,) of `spots_on`.
     """
     if found.resampled is not None:
         flat, triangles, shown = found.resampled.points, found.resampled.triangles, spot[found.resampled.nearest]

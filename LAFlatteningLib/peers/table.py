@@ -17,7 +17,7 @@ from .conformal import conformal_map
 from .karim import square_map
 from .ma import distance_map
 from .peer_map import PeerMap, ours
-from .spots import PIXELS, SPOTS, lost_spots, spread_spots
+from .spots import PIXELS, lost_spots, spots_on
 from .sum_map import SumTemplate, sum_map
 from .universal import universal_map
 
@@ -150,7 +150,7 @@ def compare_peers(
 def _rows(maps: Sequence[PeerMap], flat_map: FlatMap, progress: ProgressCallback | None) -> tuple[PeerRow, ...]:
     report(progress, 0.0, "Following spots")
     # Spots go by points, of which both of our methods and all peers have the same.
-    spot = spread_spots(flat_map.cavity.surface, SPOTS)
+    spot = spots_on(flat_map.cavity.surface)
     rows = []
     for k, found in enumerate(maps):
         report(progress, 0.5 + 0.5 * k / len(maps), "Following spots")
@@ -166,7 +166,7 @@ def _rows(maps: Sequence[PeerMap], flat_map: FlatMap, progress: ProgressCallback
                 summary["alpha"]["entropy"],
                 summary["beta"]["mean"],
                 lost_spots(found, spot),
-                int(spot.max()) + 1,
+                int(spot.max()),
                 found.seconds,
             )
         )

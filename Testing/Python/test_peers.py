@@ -19,7 +19,7 @@ from LAFlatteningLib.peers.karim import round_square, square_map
 from LAFlatteningLib.peers.ma import control_grid, distance_map, equal_area_disk, proportional, spline_weights
 from LAFlatteningLib.peers.peer_map import ours, place_spread
 from LAFlatteningLib.peers.registration import register
-from LAFlatteningLib.peers.spots import NO_SPOT, lost_spots, spread_spots
+from LAFlatteningLib.peers.spots import lost_spots, spots_on
 from LAFlatteningLib.peers.sum_map import SumTemplate, sum_map, sum_regions
 from LAFlatteningLib.peers.table import compare_peers
 from LAFlatteningLib.peers.universal import HOLES, Lines, unit_square, universal_map
@@ -295,19 +295,8 @@ def test_wrong_template_files_are_refused(phantom_map):
 # ---- spots and table -------------------------------------------------------------------------------------------------
 
 
-def test_spots_are_spread_and_cover_their_share(phantom):
-    surface = phantom.surface
-    spot = spread_spots(surface, 40, 0.25)
-    assert set(np.unique(spot)) == {NO_SPOT, *range(40)}
-    assert surface.mass[spot >= 0].sum() / surface.area == pytest.approx(0.25, abs=0.08)
-    centres = np.array([surface.points[spot == k].mean(axis=0) for k in range(40)])
-    apart = np.linalg.norm(centres[:, None] - centres[None], axis=2) + 1e9 * np.eye(40)
-    # 40 spots on 1 / 40 of the area each: a square lattice would have this distance.
-    assert apart.min() > 0.5 * np.sqrt(surface.area / 40)
-
-
 def test_spots_are_lost_where_pixels_are_too_large(phantom_map):
-    found, spot = ours(phantom_map), spread_spots(phantom_map.cavity.surface, 100)
+    found, spot = ours(phantom_map), spots_on(phantom_map.cavity.surface, 100)
     assert lost_spots(found, spot, 400) == 0
     lost = [lost_spots(found, spot, pixels) for pixels in (40, 10, 3)]
     assert lost == sorted(lost) and lost[0] < 60 and lost[-1] >= 100 - 9
