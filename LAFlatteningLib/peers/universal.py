@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +41,7 @@ HOLES: Mapping[str, Shape] = {
 }
 """Where the ostia are, read off published coordinates of one atrium. Of the superior veins the ellipse's upper half
 bounds the anterior side; their posterior side is the diameter, on the roof line."""
+SUPERIOR = ("RSPV", "LSPV")
 NEEDED = {
     "openings": ("RSPV", "RIPV", "LIPV", "LSPV", "LAA", "MV"),
     "paths": ("s3", "s4", "s5", "s7", "s8", "s9"),
@@ -84,8 +86,9 @@ def universal_map(
     Septal and roof line are our paths s5 and s4; the lateral line is the shortest way along edges from LSPV to the
     valve within our region 3, between appendage and LIPV. The source takes geodesics between five landmarks.
     x: Laplace's equation with 0 and 1 on the lateral and the septal line; y: with 0 and 1 on the posterior and the
-    anterior rim of the valve and 0.5 on the roof line. Solved twice: first with the rims of the superior veins on
-    `HOLES`, then with all, each by its length, turned to where it lay in the first solution.
+    anterior rim of the valve and 0.5 on the roof line. Solved twice: first with the rims free (but for what lies on
+    the roof's height), then with all rims on `HOLES`: the points of a rim that were farthest to either side come to the
+    ends of its ellipse, the others between them by length. Published coordinates of one atrium follow these rules.
     Deviation: published files also hold lines between the ends of the ellipses straight; here they are free.
 
     Raises
@@ -107,11 +110,10 @@ def universal_map(
     lines = Lines(division.paths["s4"], division.paths["s5"], _lateral_line(division, region, lateral_end))
     anterior = halves(division.surface, lines, region == 4)
     rims = {opening: division.loops[opening] for opening in anatomy.openings}
-    placed = _superior_rims(division, lines)
-    _, places, _ = unit_square(division.surface, anterior, lines, rims["MV"], *placed)
-    for hole in ("RIPV", "LIPV", "LAA"):
-        ellipse = _round_ellipse(division.surface.points[rims[hole]], places[rims[hole]], HOLES[hole])
-        placed = (np.concatenate([placed[0], rims[hole]]), np.concatenate([placed[1], ellipse]))
+    # First with the rims free but for what lies on the roof's height, then with all of them on their ellipses.
+    behind = _posterior_sides(division, lines)
+    _, places, _ = unit_square(division.surface, anterior, lines, rims["MV"], *behind)
+    placed = _all_rims(division, lines, behind, places)
     cut, places, _ = unit_square(division.surface, anterior, lines, rims["MV"], *placed)
     seconds = time.perf_counter() - began + flat_map.seconds["cavity"] + flat_map.seconds["division"]
     report(progress, 1.0, "Solved for universal coordinates")
@@ -235,39 +237,81 @@ def halves(surface: Surface, lines: Lines, surely_anterior: NDArray[np.bool_]) -
     return np.asarray(piece == np.bincount(piece[surely_anterior]).argmax())
 
 
-def _superior_rims(division: Division, lines: Lines) -> tuple[IntArray, FloatArray]:
-    """The rims of LSPV and RSPV and their places: upper half ellipse before the roof, diameter behind it."""
+def _posterior_sides(division: Division, lines: Lines) -> tuple[IntArray, FloatArray]:
+    """The sides of RSPV and LSPV behind the roof, ends included, and their places: on the diameter, by length."""
     ids, places = [], []
-    # Counter-clockwise from the roof line, the rim of RSPV is first behind it, that of LSPV first before it.
-    for hole, other_foot, first_behind in (("RSPV", lines.septal[0], True), ("LSPV", lines.lateral[0], False)):
-        loop, shape = division.loops[hole], HOLES[hole]
-        along = rim_lengths(division.surface.points[loop])
-        turn = int(np.flatnonzero(loop == other_foot)[0])
-        first = along[: turn + 1] / along[turn]
-        second = (along[turn:-1] - along[turn]) / (along[-1] - along[turn])
-        for share, behind, part in ((first, first_behind, loop[:turn]), (second, not first_behind, loop[turn:])):
-            share = share[: len(part)]
-            ids.append(part)
-            if behind:
-                x = shape.centre[0] - shape.semi_axes[0] + 2.0 * shape.semi_axes[0] * share
-                places.append(np.stack([x, np.full(len(x), shape.centre[1])], axis=1))
-            else:
-                places.append(shape.at(shape.angle_at(0.0, 180.0, share)))
+    for hole in SUPERIOR:
+        loop, turn = division.loops[hole], _turn(division, lines, hole)
+        along, shape = rim_lengths(division.surface.points[loop]), HOLES[hole]
+        # Counter-clockwise from the roof line, the rim of RSPV is first behind it, that of LSPV first before it.
+        part = slice(0, turn + 1) if hole == "RSPV" else slice(turn, len(along))
+        share = (along[part] - along[part][0]) / (along[part][-1] - along[part][0])
+        x = shape.centre[0] + shape.semi_axes[0] * (2.0 * share - 1.0)
+        ids.append(np.append(loop, loop[0])[part])
+        places.append(np.stack([x, np.full(len(x), shape.centre[1])], axis=1))
     return np.concatenate(ids), np.concatenate(places)
 
 
+def _turn(division: Division, lines: Lines, hole: str) -> int:
+    """Where in the loop of a superior vein, which begins at the roof line, its other line meets it."""
+    foot = lines.septal[0] if hole == "RSPV" else lines.lateral[0]
+    return int(np.flatnonzero(division.loops[hole] == foot)[0])
+
+
+def _all_rims(
+    division: Division, lines: Lines, behind: tuple[IntArray, FloatArray], before: FloatArray
+) -> tuple[IntArray, FloatArray]:
+    """All rims but the valve's, and their places, given where points lay before (k, 2)."""
+    ids, places = [behind[0]], [behind[1]]
+    for hole, shape in HOLES.items():
+        loop = division.loops[hole]
+        if hole in SUPERIOR:
+            # Upper half: the ends are on the roof's height, the top is where the rim lay highest.
+            turn = _turn(division, lines, hole)
+            closed = np.append(loop, loop[0])
+            part = np.arange(turn, len(closed)) if hole == "RSPV" else np.arange(turn + 1)
+            top = int(before[closed[part[1:-1]], 1].argmax()) + 1 if len(part) > 2 else 0
+            knots, angles = ([0, top, len(part) - 1], [0.0, 90.0, 180.0]) if top else ([0, len(part) - 1], [0.0, 180.0])
+            along = rim_lengths(division.surface.points[loop])[part]
+            own = shape.at(_quarters(along, knots, angles, shape))[1:-1]
+            ids.append(closed[part][1:-1])
+        else:
+            own = _round_ellipse(division.surface.points[loop], before[loop], shape)
+            ids.append(loop)
+        places.append(own)
+    return np.concatenate(ids), np.concatenate(places)
+
+
+def _quarters(along: FloatArray, knots: list[int], angles: list[float], shape: Shape) -> FloatArray:
+    """Angles on an ellipse of points at lengths (k,) along a rim: between points that have theirs, by length."""
+    angle = np.empty(len(along))
+    for (a, b), (start, end) in zip(pairwise(knots), pairwise(angles), strict=True):
+        share = (along[a : b + 1] - along[a]) / (along[b] - along[a])
+        angle[a : b + 1] = shape.angle_at(start, end, share)
+    return angle
+
+
 def _round_ellipse(rim: FloatArray, before: FloatArray, shape: Shape) -> FloatArray:
-    """Places (k, 2) on an ellipse by length along the rim (k, 3), turned to where the points lay `before` (k, 2)."""
-    lengths = rim_lengths(rim)
-    angle = shape.angle_at(0.0, 360.0, lengths[:-1] / lengths[-1])
-    away = (before - before.mean(axis=0)) / np.asarray(shape.semi_axes)
-    seen = np.arctan2(away[:, 1], away[:, 0])
-    turn = np.angle(np.exp(1j * (seen - np.deg2rad(angle))).sum())
-    return shape.at(angle + np.rad2deg(turn))
+    """Places (k, 2) on an ellipse of a rim (k, 3): the points that lay farthest right, up, left and down `before`
+    (k, 2) come to its four ends, the others between them by length. Where those four do not follow each other, all
+    points go by length, turned to where they lay."""
+    n = len(rim)
+    ends = [before[:, 0].argmax(), before[:, 1].argmax(), before[:, 0].argmin(), before[:, 1].argmin()]
+    first = int(ends[0])
+    lengths = rim_lengths(np.roll(rim, -first, axis=0))
+    knots = [*((int(end) - first) % n for end in ends), n]
+    if all(a < b for a, b in pairwise(knots)):
+        angle = _quarters(lengths, knots, [0.0, 90.0, 180.0, 270.0, 360.0], shape)[:-1]
+    else:
+        angle = shape.angle_at(0.0, 360.0, lengths[:-1] / lengths[-1])
+        away = (np.roll(before, -first, axis=0) - before.mean(axis=0)) / np.asarray(shape.semi_axes)
+        seen = np.arctan2(away[:, 1], away[:, 0])
+        angle = angle + np.rad2deg(np.angle(np.exp(1j * (seen - np.deg2rad(angle))).sum()))
+    return np.roll(shape.at(angle), first, axis=0)
 
 
 def _centroid(hole: str) -> FloatArray:
     """Centre of the hole on the square: of the half ellipse for the superior veins."""
     shape = HOLES[hole]
-    up = 4.0 * shape.semi_axes[1] / (3.0 * np.pi) if hole in ("RSPV", "LSPV") else 0.0
+    up = 4.0 * shape.semi_axes[1] / (3.0 * np.pi) if hole in SUPERIOR else 0.0
     return np.array([shape.centre[0], shape.centre[1] + up])
