@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from ..errors import SurfaceError
 from ..flattening import FlatMap, Flattener
 from ..progress import ProgressCallback, part, report
 from ..surface import FloatArray, Surface
@@ -122,7 +123,8 @@ def compare_peers(
 
     Raises
     ------
-    SurfaceError, SeedError, FoldError : as `Flattener.flatten`, and for atria on which a peer cannot be made.
+    SurfaceError, SeedError, FoldError : as `Flattener.flatten` by the method ``regional``. A map that another method
+        cannot make is left out, with a note.
     Cancelled : by `progress`.
 
     Examples
@@ -133,17 +135,25 @@ def compare_peers(
     ['regional', 'paper', 'conformal', 'square', 'distances', 'universal']
     """
     flat_map = Flattener(surface, template, "regional", check_axes=check_axes).flatten(seeds, part(progress, 0.0, 0.2))
-    as_published = Flattener(surface, template, "paper", check_axes=check_axes)
-    maps = [ours(flat_map), ours(as_published.flatten(seeds, part(progress, 0.2, 0.3)))]
-    maps.append(conformal_map(flat_map, part(progress, 0.3, 0.35)))
-    maps.append(square_map(flat_map, part(progress, 0.35, 0.4)))
-    maps.append(distance_map(flat_map, part(progress, 0.4, 0.55)))
-    maps.append(universal_map(flat_map, progress=part(progress, 0.55, 0.6)))
+    ways: dict[str, Callable[[ProgressCallback | None], PeerMap]] = {
+        "paper": lambda told: ours(Flattener(surface, template, "paper", check_axes=check_axes).flatten(seeds, told)),
+        "conformal": lambda told: conformal_map(flat_map, told),
+        "square": lambda told: square_map(flat_map, told),
+        "distances": lambda told: distance_map(flat_map, told),
+        "universal": lambda told: universal_map(flat_map, progress=told),
+    }
     notes = []
     if sum_template is not None:
-        maps.append(sum_map(flat_map, sum_template, part(progress, 0.6, 0.85)))
+        ways["sum"] = lambda told: sum_map(flat_map, sum_template, told)
     else:
         notes.append("SUM needs the two files of its template, which cannot be given away with this software.")
+    maps = [ours(flat_map)]
+    for k, (name, make) in enumerate(ways.items()):
+        try:
+            maps.append(make(part(progress, 0.2 + 0.65 * k / len(ways), 0.2 + 0.65 * (k + 1) / len(ways))))
+        except SurfaceError as error:
+            # Where another method finds no way, the others are still compared.
+            notes.append(f"No map {name}: {error}")
     return PeerTable(tuple(maps), _rows(maps, flat_map, part(progress, 0.85, 1.0)), flat_map, tuple(notes))
 
 

@@ -41,10 +41,11 @@ HOLES: Mapping[str, Shape] = {
 }
 """Where the ostia are, read off published coordinates of one atrium. Of the superior veins the ellipse's upper half
 bounds the anterior side; their posterior side is the diameter, on the roof line."""
+Place = FloatArray | None
 SUPERIOR = ("RSPV", "LSPV")
 NEEDED = {
     "openings": ("RSPV", "RIPV", "LIPV", "LSPV", "LAA", "MV"),
-    "paths": ("s3", "s4", "s5", "s7", "s8", "s9"),
+    "paths": ("s1", "s2", "s3", "s4", "s5", "s6", "s7", "s8", "s9"),
 }
 """What of an anatomy the coordinates are made of: they exist for the left atrium only."""
 
@@ -66,15 +67,18 @@ class Lines:
 
 
 def universal_map(
-    flat_map: FlatMap, lateral_end: FloatArray | None = None, progress: ProgressCallback | None = None
+    flat_map: FlatMap,
+    septal_end: Place = None,
+    lateral_end: Place = None,
+    progress: ProgressCallback | None = None,
 ) -> PeerMap:
     """The atrium in universal atrial coordinates.
 
     Parameters
     ----------
     flat_map : our map of the atrium by the method ``regional``, for its paths.
-    lateral_end : (3,) mm, where the lateral line reaches the valve; by default the point between MV3 and MV4 that is
-        nearest to LSPV.
+    septal_end, lateral_end : (3,) mm, where these lines reach the valve; by default the points between MV1 and MV2,
+        and between MV3 and MV4, that are nearest to RSPV and LSPV.
 
     Returns
     -------
@@ -83,8 +87,9 @@ def universal_map(
 
     Notes
     -----
-    Septal and roof line are our paths s5 and s4; the lateral line is the shortest way along edges from LSPV to the
-    valve within our region 3, between appendage and LIPV. The source takes geodesics between five landmarks.
+    The roof line is our path s4. The septal and the lateral line begin on the rims of RSPV and LSPV where our paths s1
+    and s3 leave them, at the carinas, and are the shortest ways along edges within our regions 1 and 3. (So they run in
+    published coordinates of one atrium. The source takes geodesics between five landmarks placed by hand.)
     x: Laplace's equation with 0 and 1 on the lateral and the septal line; y: with 0 and 1 on the posterior and the
     anterior rim of the valve and 0.5 on the roof line. Solved twice: first with the rims free (but for what lies on
     the roof's height), then with all rims on `HOLES`: the points of a rim that were farthest to either side come to the
@@ -107,7 +112,9 @@ def universal_map(
     if flat_map.method != "regional":
         raise SurfaceError("Universal atrial coordinates need paths that do not touch: take a map of method regional.")
     region = label_regions(division, anatomy)
-    lines = Lines(division.paths["s4"], division.paths["s5"], _lateral_line(division, region, lateral_end))
+    lateral = _to_valve(division, *division.surface.submesh(region == 3), "LSPV", "s3", lateral_end)
+    septal = _to_valve(division, *division.surface.submesh(region == 1), "RSPV", "s1", septal_end)
+    lines = Lines(division.paths["s4"], septal, lateral)
     anterior = halves(division.surface, lines, region == 4)
     rims = {opening: division.loops[opening] for opening in anatomy.openings}
     # First with the rims free but for what lies on the roof's height, then with all of them on their ellipses.
@@ -128,7 +135,7 @@ def universal_map(
         {hole: _centroid(hole) for hole in HOLES},
         seconds,
         SOURCE,
-        ("Our paths s4 and s5 are the roof and the septal line; lines between the ellipses are not held straight.",),
+        ("Its lines follow our paths and regions; lines between the ellipses are not held straight.",),
     )
 
 
@@ -193,36 +200,50 @@ def unit_square(
     return cut, np.stack([solve(x), solve(y)], axis=1), original
 
 
-def _lateral_line(division: Division, region: IntArray, end: FloatArray | None) -> IntArray:
-    """Shortest way along edges from the rim of LSPV (between s8 and s3) to the valve (between s9 and s7)."""
-    part, ids = division.surface.submesh(region == 3)
-    # The line may not touch other rims and paths, and has but its ends on the two rims that it joins.
+def _to_valve(division: Division, part: Surface, ids: IntArray, hole: str, carina: str, end: Place) -> IntArray:
+    """Shortest way along edges to the valve within one region, from the rim of a superior vein at the carina.
+
+    Parameters
+    ----------
+    part, ids : the triangles of the region, and the ids of its points in `Division.surface`.
+    carina : the path at whose foot on the rim the line begins, or at the next point of the rim from which there is a
+        way.
+    end : (3,) mm near its end, or None for the nearest point of the valve.
+    """
+    # The line may not touch paths and other rims, and has but its ends on the two rims that it joins.
     taken, on_rim = np.zeros((2, len(division.surface.points)), bool)
     for path in division.paths.values():
         taken[path] = True
     for opening, loop in division.loops.items():
-        (on_rim if opening in ("LSPV", "MV") else taken)[loop] = True
-    starts = np.flatnonzero(np.isin(ids, division.loops["LSPV"]) & ~taken[ids])
-    ends = np.flatnonzero(np.isin(ids, division.loops["MV"]) & ~taken[ids])
+        (on_rim if opening in (hole, "MV") else taken)[loop] = True
+    foot = next(int(point) for point in division.paths[carina][[0, -1]] if point in division.loops[hole])
+    taken[foot] = False
+    number = np.full(len(taken), -1, np.int64)
+    number[ids] = np.arange(len(ids))
+    along = np.roll(division.loops[hole], -int(np.flatnonzero(division.loops[hole] == foot)[0]))
+    steps = np.minimum(np.arange(len(along)), len(along) - np.arange(len(along)))
+    nearest_first = along[np.argsort(steps, kind="stable")]
+    starts = number[nearest_first[(number[nearest_first] >= 0) & ~taken[nearest_first]]]
+    valve = number[division.loops["MV"]]
+    ends = valve[(valve >= 0) & ~taken[division.loops["MV"]]]
     if end is not None and len(ends):
         ends = ends[[np.linalg.norm(part.points[ends] - np.asarray(end, np.float64), axis=1).argmin()]]
-    closed = taken[ids] | on_rim[ids]
-    closed[ends] = closed[starts] = False
     graph = part.edge_graph.tocoo()
-    open_edge = ~closed[graph.row] & ~closed[graph.col] & ~(on_rim[ids[graph.row]] & on_rim[ids[graph.col]])
-    graph = sparse.coo_matrix(
-        (graph.data[open_edge], (graph.row[open_edge], graph.col[open_edge])), graph.shape
-    ).tocsr()
+    a, b = ids[graph.row], ids[graph.col]
+    free = ~taken[a] & ~taken[b] & ~(on_rim[a] & on_rim[b])
+    graph = sparse.coo_matrix((graph.data[free], (graph.row[free], graph.col[free])), graph.shape).tocsr()
     if len(starts) and len(ends):
+        # Points of the rims end a way; they are no part of one.
         distance, before, _ = dijkstra(graph, indices=ends, min_only=True, return_predecessors=True)
-        way = [int(starts[distance[starts].argmin()])]
-        if np.isfinite(distance[way[0]]):
+        for start in starts[np.isfinite(distance[starts])]:
+            way = [int(start)]
             while before[way[-1]] >= 0:
                 way.append(int(before[way[-1]]))
-            return ids[way]
+            if not on_rim[ids[way[1:-1]]].any():
+                return ids[way]
     raise SurfaceError(
-        "There is no way for the lateral line from LSPV to the valve between the appendage and LIPV. Check the seeds "
-        "MV3 and MV4, or take a finer mesh."
+        f"There is no way from {hole} to the valve for a line of the universal coordinates: the wall between the "
+        "openings there is a few triangles wide. Check the seeds on the valve, or take a finer mesh."
     )
 
 

@@ -114,12 +114,10 @@ def coordinates() -> None:
     print("\n| lines of the coordinates | median | 95 % | x median | y median | folded |\n|---|---|---|---|---|---|")
     valve = rims["MV"]
     ends = {side: valve[np.abs(published[valve, 0] - side) < ON_LINE] for side in (0.0, 1.0)}
-    seeds = suggest_seeds(body, rims, LEFT_ATRIUM)
-    with_theirs = {**seeds, "MV1": body.points[ends[1.0]].mean(axis=0)}
-    lateral = body.points[ends[0.0]].mean(axis=0)
-    for title, used, end in (("seeds as suggested", seeds, None), ("their ends on the valve", with_theirs, lateral)):
-        flat_map = Flattener(body, check_axes=False).flatten(used)
-        found = universal.universal_map(flat_map, end)
+    flat_map = Flattener(body, check_axes=False).flatten(suggest_seeds(body, rims, LEFT_ATRIUM))
+    septal, lateral = (body.points[ends[side]].mean(axis=0) for side in (1.0, 0.0))
+    for title, places in (("ours, seeds as suggested", (None, None)), ("ours, to their ends", (septal, lateral))):
+        found = universal.universal_map(flat_map, *places)
         report(title, found.on_cavity, published, len(found.folded_triangles))
     for title, straight in (("their lines", False), ("and the straight ones between the ellipses", True)):
         report(title, *_on_their_lines(body, published, rims, ends, straight))
