@@ -64,7 +64,7 @@ def distance_map(flat_map: FlatMap, progress: ProgressCallback | None = None) ->
     distance = distances(closed, samples)
     report(progress, 0.4, "Bending the plane")
     weights = spline_weights(disk)
-    control = proportional(weights[samples], distance[:, samples], np.sqrt(closed.area / np.pi) * control_grid())
+    control = proportional(weights[samples], distance, np.sqrt(closed.area / np.pi) * control_grid())
     flat = weights @ control
     seconds = time.perf_counter() - began + flat_map.seconds["cavity"]
     report(progress, 1.0, "Unfolded")
@@ -91,11 +91,13 @@ def equal_area_disk(disk: FloatArray, mass: FloatArray) -> FloatArray:
 
 
 def distances(surface: Surface, samples: IntArray) -> FloatArray:
-    """(k, n) mm from each sample (k,) to every point, along edges and across pairs of triangles."""
+    """(k, k) mm between some points (k,) of a surface, along edges and across pairs of triangles."""
     ends, lengths = HalfEdges.of(surface).diagonals()
     n = len(surface.points)
     across = sparse.coo_matrix((lengths, (ends[:, 0], ends[:, 1])), shape=(n, n))
-    return np.asarray(dijkstra(surface.edge_graph + (across + across.T).tocsr(), indices=samples))
+    graph = surface.edge_graph + (across + across.T).tocsr()
+    # Row by row: all rows at once would hold 250 numbers a point.
+    return np.stack([dijkstra(graph, indices=sample)[samples] for sample in samples])
 
 
 def spline_weights(disk: FloatArray) -> sparse.csr_matrix:

@@ -8,12 +8,15 @@ import json
 
 import numpy as np
 import pytest
+from bench_peers import published_coordinates
 from meshes import annulus, planar
+from scipy.spatial import cKDTree
 
-from LAFlatteningLib import LAFlatteningError, Surface, distortion, write_seeds, write_surface
+from LAFlatteningLib import LEFT_ATRIUM, LAFlatteningError, Surface, distortion, write_seeds, write_surface
 from LAFlatteningLib.cli import main
 from LAFlatteningLib.errors import Cancelled, SurfaceError, TemplateError
 from LAFlatteningLib.flattening import flatten
+from LAFlatteningLib.flattening.coarse import coarsened
 from LAFlatteningLib.peers import table as table_module
 from LAFlatteningLib.peers.conformal import conformal_disk, conformal_map
 from LAFlatteningLib.peers.karim import round_square, square_map
@@ -25,6 +28,7 @@ from LAFlatteningLib.peers.sum_map import SumTemplate, sum_map, sum_regions
 from LAFlatteningLib.peers.table import compare_peers
 from LAFlatteningLib.peers.universal import HOLES, Lines, unit_square, universal_map
 from LAFlatteningLib.phantom import make_phantom
+from LAFlatteningLib.seed_suggestion import suggest_seeds
 
 
 def disk_mesh(rings: int = 9) -> Surface:
@@ -293,6 +297,39 @@ def test_wrong_template_files_are_refused(phantom_map):
     shuffled[0] = (0, 1, 2) if set(shuffled[0]) != {0, 1, 2} else (0, 1, 3)
     with pytest.raises(TemplateError, match="join other points"):
         SumTemplate.of(phantom_map.surface, Surface(flat, shuffled))
+
+
+def test_template_of_sum_registers_onto_itself(data_dir):
+    """The real template: its holes get the names that SUM gives them, and its atrium finds its own disk."""
+    folder = data_dir / "sum_atlas"
+    template = SumTemplate.load(folder / "template_3d.vtp", folder / "template_disk.vtp")
+    places = {
+        "RSPV": (0.25, 0.10),
+        "RIPV": (0.25, -0.15),
+        "LSPV": (-0.30, 0.10),
+        "LIPV": (-0.30, -0.15),
+        "LAA": (-0.3, 0.3),
+    }
+    for hole, place in places.items():
+        assert np.linalg.norm(template.disk[template.rims[hole]].mean(axis=0) - place) < 0.02
+    flat_map = flatten(template.surface, template.seeds, check_axes=False)
+    found = sum_map(flat_map, template)
+    away = np.linalg.norm(found.points - template.disk[flat_map.surface.point_data["surface_point_id"]], axis=1)
+    assert np.median(away) < 0.003 and np.percentile(away, 95) < 0.02
+    # Inside the valve's rim its 24 regions are all there.
+    labels = sum_regions(template.disk, template)
+    assert set(np.unique(labels)) >= set(range(1, 25))
+
+
+def test_universal_coordinates_against_published_ones(data_dir):
+    """Real coordinates of a real atrium (here with fewer points), its seeds suggested: within a few per cent."""
+    body, published, rims = published_coordinates()
+    coarse = coarsened(Surface(body.points, body.triangles, space=body.space), 6000)
+    flat_map = flatten(coarse, suggest_seeds(body, rims, LEFT_ATRIUM), check_axes=False)
+    found = universal_map(flat_map)
+    nearest = cKDTree(body.points).query(flat_map.surface.points)[1]
+    away = np.linalg.norm(found.on_cavity - published[nearest], axis=1)
+    assert np.median(away) < 0.08
 
 
 # ---- spots and table -------------------------------------------------------------------------------------------------
