@@ -19,13 +19,13 @@ def draw(atrium: Atrium) -> Drawn:
         template = SumTemplate.load(folder / "template_3d.vtp", folder / "template_disk.vtp")
     table = compare_peers(atrium.surface, atrium.seeds, template)
     words = "; ".join(
-        f"{row.title}: {row.folded_triangles} folded triangles, beta {row.beta_mean:.2f}, {row.spots_lost} of "
+        f"{row.name}: {row.folded_triangles} folded triangles, beta {row.beta_mean:.2f}, {row.spots_lost} of "
         f"{row.spots} spots lost"
         for row in table.rows
     )
     return Drawn(
         "peers",
         make_peers_figure(table),
-        f"{atrium.title} on our two maps and on the others in use. Veins and appendage at the same places in every "
-        f"atrium: {', '.join(row.title for row in table.rows if row.standardised)}. {words}.",
+        f"One atrium ({atrium.title}) on our two maps and on the others in use. Veins and appendage are at the same "
+        f"places in every atrium on {', '.join(row.name for row in table.rows if row.standardised)}. {words}.",
     )
