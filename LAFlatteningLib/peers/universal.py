@@ -78,7 +78,7 @@ def universal_map(
     ----------
     flat_map : our map of the atrium by the method ``regional``, for its paths.
     septal_end, lateral_end : (3,) mm, where these lines reach the valve; by default the points between MV1 and MV2,
-        and between MV3 and MV4, that are nearest to RSPV and LSPV.
+        and between MV3 and MV4, that are nearest to where the lines begin.
 
     Returns
     -------
@@ -98,7 +98,7 @@ def universal_map(
 
     Raises
     ------
-    SurfaceError : another chamber, another method, or no way for the lateral line.
+    SurfaceError : another chamber, another method, or no way for one of the lines.
     Cancelled : by `progress`.
     """
     report(progress, 0.0, "Solving for universal coordinates")
