@@ -7,7 +7,7 @@ from typing import Any
 
 from .fibrosis import ATRIUM, limits_in_words
 from .flattening.flat_map import REGION_ARRAY
-from .report import Picture, Section, Table
+from .report import Fixed, Picture, Section, Table
 
 FOUND_BY = {
     "ostium": "cut at its ostium, found by rule",
@@ -30,8 +30,8 @@ def preparation_section(content: Mapping[str, Any], pictures: list[Picture]) -> 
         (
             name,
             FOUND_BY.get(str(plane.get("found_by")), plane.get("found_by")),
-            _rounded(plane.get("rim_perimeter_mm") or plane.get("perimeter_mm"), 1),
-            _rounded(plane.get("kept_mm"), 1),
+            Fixed(plane.get("rim_perimeter_mm") or plane.get("perimeter_mm"), 1),
+            Fixed(plane.get("kept_mm"), 1),
             ", ".join(f"{x:.0f}" for x in plane.get("centre_mm", ())),
         )
         for name, plane in content.get("planes", {}).items()
@@ -93,15 +93,15 @@ def comparison_section(content: Mapping[str, Any], pictures: list[Picture]) -> S
     rows = [
         (
             _part_name(part["region"], part["name"]),
-            _rounded(part["area_cm2"], 1),
-            _rounded(part["pearson"], 3),
-            _rounded(part["spearman"], 3),
+            Fixed(part["area_cm2"], 1),
+            Fixed(part["pearson"], 3),
+            Fixed(part["spearman"], 3),
             part["mean_a"],
             part["mean_b"],
             part["difference"],
             part["difference_sd"],
-            *([_rounded(part["dice"], 3)] if overlap else []),
-            _rounded(part["missing_percent"], 1),
+            *([Fixed(part["dice"], 3)] if overlap else []),
+            Fixed(part["missing_percent"], 1),
         )
         for part in content["parts"]
     ]
@@ -163,8 +163,8 @@ def _class_labels(content: Mapping[str, Any]) -> list[str]:
 def _part_row(part: Mapping[str, Any], missing: bool) -> tuple[Any, ...]:
     shares: Sequence[Any] = part["class_percent"]
     name = part["name"] if part["group"] == ATRIUM else _part_name(part["label"], part["name"], part["group"])
-    row = (name, _rounded(part["area_cm2"], 1), part["mean"], *(_rounded(share, 1) for share in shares))
-    return (*row, _rounded(part["missing_cm2"], 1)) if missing else row
+    row = (name, Fixed(part["area_cm2"], 1), part["mean"], *(Fixed(share, 1) for share in shares))
+    return (*row, Fixed(part["missing_cm2"], 1)) if missing else row
 
 
 def _part_name(label: int, name: str, group: str = REGION_ARRAY) -> str:
@@ -172,10 +172,6 @@ def _part_name(label: int, name: str, group: str = REGION_ARRAY) -> str:
     if group == REGION_ARRAY:
         return f"R{label} {name}" if label else name
     return f"{label} {name}"
-
-
-def _rounded(value: float | None, digits: int) -> float | None:
-    return None if value is None else round(float(value), digits)
 
 
 def _number(value: float | None, digits: int) -> str:

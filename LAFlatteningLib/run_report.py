@@ -9,7 +9,7 @@ from typing import Any
 
 from .errors import InputFileError
 from .flattening.flat_map import USUAL_DILATATION
-from .report import Picture, Section, Table, write_report
+from .report import Fixed, Picture, Section, Table, write_report
 from .report_sections import comparison_section, fibrosis_section, preparation_section, summary_section
 from .schema import load_json
 
@@ -118,17 +118,17 @@ def gap_section(gaps: Mapping[str, Any], pictures: list[Picture]) -> Section:
             (
                 name,
                 "complete" if ring["complete"] else str(ring["gap_count"] + ring["small_gaps"]),
-                round(ring["gap_length_mm"], 1),
-                round(ring["scar_length_mm"], 1),
-                round(ring["rgm"], 3),
-                round(max((gap["length_mm"] for gap in ring["gaps"]), default=0.0), 1) if ring["gaps"] else None,
+                Fixed(ring["gap_length_mm"]),
+                Fixed(ring["scar_length_mm"]),
+                Fixed(ring["rgm"], 3),
+                Fixed(max((gap["length_mm"] for gap in ring["gaps"]), default=None)),
             )
             for name, ring in areas.items()
         ],
         f"Gaps at the threshold {shown['threshold']:.4g}",
     )
     listed = [
-        (name, round(gap["length_mm"], 1), gap["segment"], round(gap["angle_degrees"]))
+        (name, Fixed(gap["length_mm"]), gap["segment"], round(gap["angle_degrees"]))
         for name, ring in areas.items()
         for gap in ring["gaps"]
     ]
@@ -139,7 +139,7 @@ def gap_section(gaps: Mapping[str, Any], pictures: list[Picture]) -> Section:
     if len(results) > 1:
         names = list(gaps["rgm_over_threshold"])
         rows = [
-            (level, *(round(gaps["rgm_over_threshold"][name][k], 3) for name in names))
+            (level, *(Fixed(gaps["rgm_over_threshold"][name][k], 3) for name in names))
             for k, level in enumerate(gaps["thresholds"])
         ]
         tables.append(Table((f"threshold of {gaps['array']}", *names), rows, "RGM over the threshold"))

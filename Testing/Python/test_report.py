@@ -15,7 +15,7 @@ from LAFlatteningLib.errors import InputFileError
 from LAFlatteningLib.fibrosis import Rule, measure_fibrosis
 from LAFlatteningLib.gaps import find_gaps
 from LAFlatteningLib.parcellation import parcels_of
-from LAFlatteningLib.report import DISCLAIMER, Picture, Section, Table, make_html, write_report
+from LAFlatteningLib.report import DISCLAIMER, Fixed, Picture, Section, Table, make_html, write_report
 from LAFlatteningLib.run_report import run_sections, write_run_report
 
 # The smallest picture: one black pixel.
@@ -66,7 +66,8 @@ def test_page_says_what_it_is_and_where_it_comes_from():
         )
     )
     assert DISCLAIMER in page.text
-    assert f"LAFlattening {__version__}, 2026-03-09. Input: a b.vtp, lge.nrrd" in page.text
+    assert f"LAFlattening {__version__}, 2026-03-09" in page.text
+    assert "Input: a b.vtp, lge.nrrd\n" in page.text
     assert "home" not in page.text and "D:" not in page.text
     assert "No step gave a warning." in page.text
 
@@ -103,6 +104,13 @@ def test_cells_are_written_for_people():
         ["b", "–", "no"],
         ["c", "–", "–"],
     ]
+
+
+def test_numbers_of_a_column_have_as_many_decimals():
+    values = [Fixed(18.0), Fixed(17.94), Fixed(-0.04), Fixed(None), Fixed(float("nan")), Fixed(0.1936, 3)]
+    html = make_html("t", [Section("s", tables=[Table(["share (%)"], [[value] for value in values])])])
+    assert Page(html).rows[1:] == [["18.0"], ["17.9"], ["0.0"], ["–"], ["–"], ["0.194"]]
+    assert html.count('class="number"') == 7
 
 
 def test_report_is_written_whole_or_not_at_all(tmp_path):
@@ -142,7 +150,7 @@ def test_gaps_are_listed_with_their_lengths(run_folder, phantom_map):
     rows = [row for row in page.rows if row[0] == "RIPV"]
     assert rows[0][1] == "complete"
     gap = found.at(0.5)["RSPV"].gaps[0]
-    assert ["RSPV", f"{round(gap.length_mm, 1):g}", gap.segment, str(round(gap.angle_degrees))] in page.rows
+    assert ["RSPV", f"{gap.length_mm:.1f}", gap.segment, str(round(gap.angle_degrees))] in page.rows
     assert any(row[0] == "threshold of scar" for row in page.rows)
     assert [section.title for section in run_sections(run_folder)] == ["Summary", "Map", "Gaps in ablation lines"]
     for note in found.notes:
@@ -205,7 +213,7 @@ def test_what_was_mended_and_is_doubtful_comes_first(run_folder):
     page = Page(write_run_report(run_folder).read_text(encoding="utf-8"))
     for words in (*content["repairs"], *content["notes"], "not sure which opening is which"):
         assert page.text.index(words) < page.text.index("Quality of the map")
-    assert ["RSPV", "cut at its ostium, found by rule", "48.6", "3", "26, 44, 80"] in page.rows
+    assert ["RSPV", "cut at its ostium, found by rule", "48.6", "3.0", "26, 44, 80"] in page.rows
     assert "77.2 cm2 of wall and 57 ml" in page.text
 
 
