@@ -9,12 +9,19 @@ from typing import Any
 
 from .errors import InputFileError
 from .flattening.flat_map import USUAL_DILATATION
-from .report import Picture, Section, Table, write_report
+from .report import Fixed, Picture, Section, Table, write_report
+from .report_sections import comparison_section, fibrosis_section, preparation_section, summary_section
 from .schema import load_json
 
-METRICS, GAPS = "metrics.json", "gaps.json"
-OTHERS = {"prepare": "Preparation of the atrium", "fibrosis": "Fibrosis", "comparison": "Comparison"}
-"""Results that are shown as they are, NAME.json with NAME.png where there is one: name -> title."""
+METRICS, PREPARATION = "metrics.json", "prepare.json"
+RESULTS = ("fibrosis", "gaps", "comparison")
+"""What was read off the map, NAME.json with NAME.png, in the order of the report."""
+CAPTIONS = {
+    "figure": "The atrium and its map.",
+    "fibrosis": "Classes on the atrium and on the map.",
+    "gaps": "Gaps on the map.",
+    "comparison": "Both maps with one colour bar.",
+}
 MOST_ROWS = 40
 """Longer lists are left to the file that holds them."""
 
@@ -56,13 +63,14 @@ def run_sections(folder: Path | str) -> list[Section]:
         raise InputFileError(
             f'"{folder}" holds no {METRICS}. Expected the folder that la-flatten run (or flatten --metrics) wrote.'
         )
-    sections = [map_section(load_json(folder / METRICS), _pictures(folder, {"figure": "The atrium and its map."}))]
-    if (folder / GAPS).is_file():
-        sections.append(gap_section(load_json(folder / GAPS), _pictures(folder, {"gaps": "Gaps on the map."})))
-    for name, heading in OTHERS.items():
-        if (folder / f"{name}.json").is_file():
-            pictures = _pictures(folder, {name: f"{heading}."})
-            sections.append(plain_section(heading, load_json(folder / f"{name}.json"), pictures))
+    found = {name: load_json(folder / f"{name}.json") for name in RESULTS if (folder / f"{name}.json").is_file()}
+    summary = summary_section(found)
+    sections = [summary] if summary is not None else []
+    sections.append(map_section(load_json(folder / METRICS), _pictures(folder, "figure")))
+    make = {"fibrosis": fibrosis_section, "gaps": gap_section, "comparison": comparison_section}
+    sections += [make[name](content, _pictures(folder, name)) for name, content in found.items()]
+    if (folder / PREPARATION).is_file():
+        sections.append(preparation_section(load_json(folder / PREPARATION), []))
     return sections
 
 
@@ -96,8 +104,8 @@ def gap_section(gaps: Mapping[str, Any], pictures: list[Picture]) -> Section:
     results = gaps["results"]
     shown = results[len(results) // 2]
     words = [
-        f"Scar is {gaps['array']} of {shown['threshold']:g} or more. Round each vein, and round the veins of each side "
-        "together, the closed path with the least length outside scar was looked for "
+        f"Scar is {gaps['array']} of {shown['threshold']:.4g} or more. Round each vein, and round the veins of each "
+        "side together, the closed path with the least length outside scar was looked for "
         f"({gaps['search']}). Its pieces outside scar are the gaps; the relative gap measure (RGM) is their share of "
         "the path: 0 is a complete ring, 1 is no scar at all.",
     ]
@@ -110,17 +118,17 @@ def gap_section(gaps: Mapping[str, Any], pictures: list[Picture]) -> Section:
             (
                 name,
                 "complete" if ring["complete"] else str(ring["gap_count"] + ring["small_gaps"]),
-                round(ring["gap_length_mm"], 1),
-                round(ring["scar_length_mm"], 1),
-                round(ring["rgm"], 3),
-                round(max((gap["length_mm"] for gap in ring["gaps"]), default=0.0), 1) if ring["gaps"] else None,
+                Fixed(ring["gap_length_mm"]),
+                Fixed(ring["scar_length_mm"]),
+                Fixed(ring["rgm"], 3),
+                Fixed(max((gap["length_mm"] for gap in ring["gaps"]), default=None)),
             )
             for name, ring in areas.items()
         ],
-        f"Gaps at the threshold {shown['threshold']:g}",
+        f"Gaps at the threshold {shown['threshold']:.4g}",
     )
     listed = [
-        (name, round(gap["length_mm"], 1), gap["segment"], round(gap["angle_degrees"]))
+        (name, Fixed(gap["length_mm"]), gap["segment"], round(gap["angle_degrees"]))
         for name, ring in areas.items()
         for gap in ring["gaps"]
     ]
@@ -131,68 +139,11 @@ def gap_section(gaps: Mapping[str, Any], pictures: list[Picture]) -> Section:
     if len(results) > 1:
         names = list(gaps["rgm_over_threshold"])
         rows = [
-            (level, *(round(gaps["rgm_over_threshold"][name][k], 3) for name in names))
+            (level, *(Fixed(gaps["rgm_over_threshold"][name][k], 3) for name in names))
             for k, level in enumerate(gaps["thresholds"])
         ]
         tables.append(Table((f"threshold of {gaps['array']}", *names), rows, "RGM over the threshold"))
     return Section("Gaps in ablation lines", words, tables, pictures, list(gaps.get("notes", [])))
-
-
-def plain_section(title: str, content: Mapping[str, Any], pictures: list[Picture]) -> Section:
-    """A results file as it is: its notes as warnings, its single values as a table, its lists of records likewise.
-
-    A record is an object of single values; an object of records becomes a table with a row for each.
-    """
-    notes = content.get("notes", [])
-    warnings = [str(note) for note in notes] if isinstance(notes, list) else [str(notes)]
-    single = [(_words(key), value) for key, value in content.items() if _is_single(value) and key != "notes"]
-    tables = [Table(("", "value"), single)] if single else []
-    for key, value in content.items():
-        tables += _tables(_words(key), value) if key != "notes" else []
-    return Section(title, (), tables, pictures, warnings)
-
-
-def _tables(caption: str, value: Any) -> list[Table]:
-    """The records within a value, as tables; deeper ones after those that hold them."""
-    if isinstance(value, Mapping):
-        records = {str(key): entry for key, entry in value.items() if isinstance(entry, Mapping)}
-        alone = [(_words(key), entry) for key, entry in value.items() if _is_single(entry)]
-        found = [Table(("", "value"), alone, caption.capitalize())] if alone else []
-        if records:
-            found += _record_table(caption, list(records), list(records.values()))
-        for key, entry in value.items():
-            inner = entry.items() if isinstance(entry, Mapping) else [("", entry)] if not _is_single(entry) else []
-            for name, deeper in inner:
-                if not _is_single(deeper):
-                    found += _tables(" ".join(word for word in (caption, _words(key), _words(name)) if word), deeper)
-        return found
-    if isinstance(value, list) and value and all(isinstance(entry, Mapping) for entry in value):
-        return _record_table(caption, [], value)
-    return []
-
-
-def _record_table(caption: str, names: list[str], records: list[Mapping[str, Any]]) -> list[Table]:
-    columns = list(dict.fromkeys(key for record in records for key, entry in record.items() if _is_single(entry)))
-    if not columns:
-        return []
-    rows = [tuple(record.get(key) for key in columns) for record in records][:MOST_ROWS]
-    if names:
-        rows = [(name, *row) for name, row in zip(names, rows, strict=False)]
-    headings = tuple(_words(key) for key in columns)
-    return [Table(("", *headings) if names else headings, rows, caption.capitalize())]
-
-
-def _is_single(value: Any) -> bool:
-    short = isinstance(value, list) and 0 < len(value) <= 6 and not any(isinstance(x, (list, dict)) for x in value)
-    return value is None or isinstance(value, (str, int, float, bool)) or short
-
-
-def _words(key: str) -> str:
-    """A key of a file as words, its unit in brackets."""
-    for unit in ("mm2", "cm2", "mm", "degrees", "percent", "mV", "ms"):
-        if key.endswith(f"_{unit}"):
-            return f"{key[: -len(unit) - 1].replace('_', ' ')} ({'%' if unit == 'percent' else unit})"
-    return key.replace("_", " ")
 
 
 def _percent(metrics: Mapping[str, Any], key: str) -> float | None:
@@ -207,10 +158,7 @@ def _get(data: Mapping[str, Any], *keys: str) -> Any:
     return value
 
 
-def _pictures(folder: Path, captions: Mapping[str, str]) -> list[Picture]:
-    """The pictures of these names that are in the folder."""
-    return [
-        Picture(folder / f"{name}.png", caption)
-        for name, caption in captions.items()
-        if (folder / f"{name}.png").is_file()
-    ]
+def _pictures(folder: Path, name: str) -> list[Picture]:
+    """The picture of this name, where it is in the folder."""
+    path = folder / f"{name}.png"
+    return [Picture(path, CAPTIONS[name])] if path.is_file() else []

@@ -70,7 +70,7 @@ def make_gap_figure(flat_map: FlatMap | MapData, report: GapReport, *, threshold
     level = report.thresholds[len(report.thresholds) // 2] if threshold is None else threshold
     rings = report.at(level)
     figure = Figure(figsize=PAGE_INCHES, dpi=DOTS_PER_INCH, facecolor="white")
-    title = f"Gaps round the veins: scar is {report.array} of {level:g} or more"
+    title = f"Gaps round the veins: scar is {report.array} of {level:.4g} or more"
     centred: dict[str, Any] = {"ha": "center", "va": "center", "parse_math": False}
     figure.text(0.5, 1.0 - 0.36 / PAGE_INCHES[1], title, size=TITLE_SIZE, color=INK, **centred)
     facts = [

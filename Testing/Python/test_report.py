@@ -9,9 +9,13 @@ import numpy as np
 import pytest
 
 from LAFlatteningLib._version import __version__
+from LAFlatteningLib.blood_pool import BloodPool
+from LAFlatteningLib.comparison import compare_maps
 from LAFlatteningLib.errors import InputFileError
+from LAFlatteningLib.fibrosis import Rule, measure_fibrosis
 from LAFlatteningLib.gaps import find_gaps
-from LAFlatteningLib.report import DISCLAIMER, Picture, Section, Table, make_html, write_report
+from LAFlatteningLib.parcellation import parcels_of
+from LAFlatteningLib.report import DISCLAIMER, Fixed, Picture, Section, Table, make_html, write_report
 from LAFlatteningLib.run_report import run_sections, write_run_report
 
 # The smallest picture: one black pixel.
@@ -62,7 +66,8 @@ def test_page_says_what_it_is_and_where_it_comes_from():
         )
     )
     assert DISCLAIMER in page.text
-    assert f"LAFlattening {__version__}, 2026-03-09. Input: a b.vtp, lge.nrrd" in page.text
+    assert f"LAFlattening {__version__}, 2026-03-09" in page.text
+    assert "Input: a b.vtp, lge.nrrd\n" in page.text
     assert "home" not in page.text and "D:" not in page.text
     assert "No step gave a warning." in page.text
 
@@ -99,6 +104,13 @@ def test_cells_are_written_for_people():
         ["b", "–", "no"],
         ["c", "–", "–"],
     ]
+
+
+def test_numbers_of_a_column_have_as_many_decimals():
+    values = [Fixed(18.0), Fixed(17.94), Fixed(-0.04), Fixed(None), Fixed(float("nan")), Fixed(0.1936, 3)]
+    html = make_html("t", [Section("s", tables=[Table(["share (%)"], [[value] for value in values])])])
+    assert Page(html).rows[1:] == [["18.0"], ["17.9"], ["0.0"], ["–"], ["–"], ["0.194"]]
+    assert html.count('class="number"') == 7
 
 
 def test_report_is_written_whole_or_not_at_all(tmp_path):
@@ -138,28 +150,71 @@ def test_gaps_are_listed_with_their_lengths(run_folder, phantom_map):
     rows = [row for row in page.rows if row[0] == "RIPV"]
     assert rows[0][1] == "complete"
     gap = found.at(0.5)["RSPV"].gaps[0]
-    assert ["RSPV", f"{round(gap.length_mm, 1):g}", gap.segment, str(round(gap.angle_degrees))] in page.rows
+    assert ["RSPV", f"{gap.length_mm:.1f}", gap.segment, str(round(gap.angle_degrees))] in page.rows
     assert any(row[0] == "threshold of scar" for row in page.rows)
-    assert [section.title for section in run_sections(run_folder)] == ["Map", "Gaps in ablation lines"]
+    assert [section.title for section in run_sections(run_folder)] == ["Summary", "Map", "Gaps in ablation lines"]
     for note in found.notes:
         assert note in page.text
 
 
-def test_other_results_are_shown_as_they_are(run_folder):
-    content = {
-        "rule": "iir",
-        "thresholds": [1.2, 1.32],
-        "regions": {"1": {"area_cm2": 20.5, "fibrosis_percent": 3.0}, "2": {"area_cm2": 31.0, "fibrosis_percent": 1.0}},
-        "list": [{"name": "x", "r": 0.5}],
-        "notes": ["7 points have no value."],
-    }
-    (run_folder / "fibrosis.json").write_text(json.dumps(content))
+def test_fibrosis_is_a_table_of_classes_by_region_and_sub_region(run_folder, phantom_map):
+    parcels = parcels_of(phantom_map, ["vein_segments"])
+    pool = BloodPool(100.0, 4.0, "example", volume_ml=12.3)
+    found = measure_fibrosis(phantom_map, "LGE", Rule.parse("iir=1.2,1.32"), pool, parcels=parcels)
+    (run_folder / "fibrosis.json").write_text(json.dumps(found.to_dict()))
     page = Page(write_run_report(run_folder).read_text(encoding="utf-8"))
-    assert ["", "area (cm2)", "fibrosis (%)"] in page.rows
-    assert ["2", "31", "1"] in page.rows
-    assert ["x", "0.5"] in page.rows
-    assert ["thresholds", "1.2, 1.32"] in page.rows
-    assert "Fibrosis: 7 points have no value." in page.text
+    assert ["part", "area (cm2)", "mean", "normal (%)", "border zone (%)", "dense fibrosis (%)"] in page.rows
+    for part, name in ((found.atrium, "whole atrium"), (found.part("region", 5), "R5 posterior wall between the veins"),
+                       (found.part("vein_segments", 3), "3 left anterior carina")):  # fmt: skip
+        row = next(row for row in page.rows if row[0] == name and len(row) == 6)
+        numbers = [part.area_cm2, part.mean, *part.class_percent]
+        assert [float(cell) for cell in row[1:]] == pytest.approx(numbers, abs=0.06)
+    assert "border zone (120 to 132)" in page.text
+    assert "mean 100, SD 4 (example, 12.3 ml)" in page.text
+    titles = [section.title for section in run_sections(run_folder)]
+    assert titles == ["Summary", "Map", "Fibrosis"]
+    assert any(row[0] == "most affected region" for row in page.rows)
+
+
+def test_voltage_has_its_unit_and_name(run_folder, phantom_map):
+    surface = phantom_map.surface.with_data({"Bipolar": phantom_map.surface.point_data["LGE"] / 200.0})
+    found = measure_fibrosis(surface, "Bipolar", Rule.parse("value=0.6,0.55", "below"))
+    (run_folder / "fibrosis.json").write_text(json.dumps(found.to_dict()))
+    page = Page(write_run_report(run_folder).read_text(encoding="utf-8"))
+    assert ["part", "area (cm2)", "mean (mV)", "normal (%)", "low (%)", "scar (%)"] in page.rows
+    assert "low (0.55 to 0.6 mV)" in page.text
+    assert "Low voltage" in [section.title for section in run_sections(run_folder)]
+
+
+def test_a_comparison_says_what_is_compared(run_folder, phantom_map):
+    found = compare_maps(phantom_map, phantom_map, "LGE", "scar", 120.0, 0.5)
+    content = {"a": "x/map.vtp", "b": "y/map.vtp", **found.to_dict()}
+    (run_folder / "comparison.json").write_text(json.dumps(content))
+    page = Page(write_run_report(run_folder).read_text(encoding="utf-8"))
+    assert "A is LGE of x/map.vtp, B is scar of y/map.vtp" in page.text
+    row = next(row for row in page.rows if row[0] == "R5 posterior wall between the veins")
+    assert float(row[2]) == pytest.approx(found.parts[5].pearson, abs=0.001)
+    assert any("B - A (percentiles)" in row for row in page.rows)
+    assert any("ranks" in text for text in run_sections(run_folder)[-1].warnings)
+
+
+def test_what_was_mended_and_is_doubtful_comes_first(run_folder):
+    content = {
+        "space": "LPS",
+        "repairs": ["Cut a bridge 4.7 mm wide between LSPV and LAA."],
+        "notes": ["RIPV could also be taken otherwise; check which is which."],
+        "confidence": "low",
+        "planes": {
+            "RSPV": {"centre_mm": [25.6, 43.7, 80.4], "found_by": "ostium", "perimeter_mm": 48.6, "kept_mm": 3.0}
+        },
+        "cavity": {"area_cm2": 77.25, "volume_ml": 57.4},
+    }
+    (run_folder / "prepare.json").write_text(json.dumps(content))
+    page = Page(write_run_report(run_folder).read_text(encoding="utf-8"))
+    for words in (*content["repairs"], *content["notes"], "not sure which opening is which"):
+        assert page.text.index(words) < page.text.index("Quality of the map")
+    assert ["RSPV", "cut at its ostium, found by rule", "48.6", "3.0", "26, 44, 80"] in page.rows
+    assert "77.2 cm2 of wall and 57 ml" in page.text
 
 
 def test_notes_of_the_map_are_warnings(run_folder, phantom_map):
