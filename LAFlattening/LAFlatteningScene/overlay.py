@@ -12,6 +12,7 @@ from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from LAFlatteningLib import Template
 
 from .map_nodes import onMap, settingsOf
+from .template_text import templateOf
 
 LINES_ROLE, LABELS_ROLE = "LAFlattening.lines", "LAFlattening.labels"
 """Node references from a map to its overlay."""
@@ -40,7 +41,7 @@ def updateOverlay(mapNode: ModelNode) -> tuple[ModelNode, ModelNode]:
     madeFrom = f"{settings.template} {settings.diskDiameter!r}"
     lines, labels = (_node(mapNode, role, what) for role, what in ((LINES_ROLE, "lines"), (LABELS_ROLE, "names")))
     if lines.GetAttribute(MADE_FROM) != madeFrom or lines.GetPolyData() is None:
-        template = Template.load(settings.template)
+        template = templateOf(settings.template)
         lines.SetAndObservePolyData(linesOf(template, settings.diskDiameter))
         labels.SetAndObservePolyData(namesOf(template, settings.diskDiameter))
         for node in (lines, labels):
