@@ -391,7 +391,8 @@ class LAFlatteningLogic(ScriptedLoadableModuleLogic, SeedLogic, PrepareLogic, An
         """Write the map: all files or none.
 
         Files: <map>.vtp, <map>.png (with colour bar), <map> metrics.csv, <map> regions.csv, and of what was measured
-        <map> fibrosis.csv, gaps.csv, gap list.csv and comparison.csv.
+        <map> fibrosis.csv, gaps.csv, gap list.csv and comparison.csv; with the .vtp, <map> template.json if the
+        template is not a built-in one.
 
         Raises
         ------

@@ -13,7 +13,7 @@ from LAFlatteningScene.template_handles import CENTRE, FOOT, SIZE, Handle, handl
 from LAFlatteningScene.template_text import templateOf, textOf
 from logic_case import Clock, LogicCase, addAtrium, addSeeds, phantom, points
 
-from LAFlatteningLib import Flattener, Template, TemplateError
+from LAFlatteningLib import Flattener, Template, TemplateError, read_surface
 from LAFlatteningLib.template_editing import move_foot, move_hole, renamed, scale_hole
 
 ADAPTED = Template.load("adapted1")
@@ -99,6 +99,14 @@ class FileTest(LogicCase):
         with self.assertRaisesRegex(TemplateError, "holes.LAA.shape"):
             self.logic.openTemplate(self.p, self.folder / "bad.json")
         self.assertEqual(self.p.template, "adapted1")
+
+    def test_anExportedMapComesWithItsTemplate(self):
+        self.p.template = textOf(own())
+        mapNode = self.logic.flattenParameters(self.p)
+        written = self.logic.exportMap(mapNode, self.folder, ("vtp",))
+        self.assertEqual([path.name for path in written], ["Atrium map.vtp", "Atrium map template.json"])
+        self.assertEqual(Template.load(written[1]), own())
+        self.assertEqual(list(read_surface(written[0]).field_data["template"]), ["mine"])
 
     def test_theConsoleTakesFileAndContent(self):
         own().save(self.folder / "mine.json")
