@@ -24,6 +24,8 @@ from numpy.typing import ArrayLike
 from .errors import TemplateError
 from .template import Rim, Template, builtin_templates
 
+SMALLEST_HOLE = 0.01
+"""Smallest semi-axis of a hole after scaling, in radii of the map."""
 EDITED = "edited"
 """What is added to the name of a template when it is edited."""
 
@@ -55,12 +57,17 @@ def scale_hole(template: Template, hole: str, factor: float) -> Template:
 
     Raises
     ------
-    TemplateError : no such hole, a factor that is not above 0, or an impossible layout.
+    TemplateError : no such hole, a factor that is not above 0, a hole that vanishes, or an impossible layout.
     """
     if not (np.isfinite(factor) and factor > 0.0):
         raise TemplateError(f"holes.{hole}.shape: expected a factor above 0, found {factor:g}.")
     rim = _hole(template, hole)
     a, b = rim.shape.semi_axes
+    if min(a, b) * factor < SMALLEST_HOLE * template.radius:
+        raise TemplateError(
+            f"holes.{hole}.shape: would be smaller than {100 * SMALLEST_HOLE:g} % of the radius of the map, too small "
+            "to be seen. Keep it larger."
+        )
     return _with_hole(
         template, hole, replace(rim, shape=replace(rim.shape, semi_axes=(float(a * factor), float(b * factor))))
     )

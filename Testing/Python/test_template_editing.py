@@ -66,6 +66,7 @@ def test_an_edited_template_is_not_called_like_a_built_in_one():
         (lambda t: move_hole(t, "MV", (0.0, 0.0)), "unknown hole"),
         (lambda t: scale_hole(t, "LIPV", 5.0), "overlaps"),
         (lambda t: scale_hole(t, "LIPV", 0.0), "above 0"),
+        (lambda t: scale_hole(t, "LIPV", 0.1), "too small"),
         (lambda t: move_foot(t, "MV", "s5", 200.0), "out of order"),
         (lambda t: move_foot(t, "MV", "s5", np.inf), "angle"),
         (lambda t: move_foot(t, "MV", "s1", 20.0), "does not meet"),
