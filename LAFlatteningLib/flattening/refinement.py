@@ -72,7 +72,7 @@ def lower_distortion(
     even = weights.copy()
     weights[len(areas) :] *= GUARD
     energy = PatchEnergy(flat, triangles, rest, movable, weights, len(guarded), surface.edges, order)
-    flat = _relax_worst(flat, energy, triangles, rest, even, movable)
+    flat = _relax_worst(flat, energy, triangles, rest, even, movable, WORST_STEPS if finish else WORST_STEPS[:1])
     variables = flat[energy.ids]
     radius = 0.5 * float(np.ptp(flat, axis=0).max())
     rounds = len(most) + 2
@@ -128,6 +128,7 @@ def _relax_worst(
     rest: FloatArray,
     areas: FloatArray,
     movable: NDArray[np.bool_],
+    most: Sequence[int],
 ) -> FloatArray:
     """The map with the places where triangles are all but folded relaxed.
 
@@ -150,7 +151,7 @@ def _relax_worst(
             break
         patch = PatchEnergy(result, triangles[used], rest[used], near & movable, areas[used] / areas[used].mean())
         variables = patch.start()
-        for steps in WORST_STEPS:
+        for steps in most:
             preconditioner = patch.preconditioner(variables)
             variables, _ = descend(patch.distortion, variables, patch.reach, preconditioner, steps, tolerance=0.0)
         result[patch.ids] = variables
