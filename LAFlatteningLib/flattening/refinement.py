@@ -22,8 +22,11 @@ RINGS, WORST_STEPS = 4, (6, 6, 6)
 """Rings of triangles round them that move along, and quasi-Newton steps from preconditioner to preconditioner."""
 LEVELS = 6
 """Most times that the very worst, within a factor of ten, are relaxed before the others join them."""
-STEPS = (4, 4, 8)
+STEPS = (4, 8, 8)
 """Most quasi-Newton steps; the preconditioner is made anew, from the map as it is by then, between them."""
+FAR = 0.04
+"""The last of them only where those before moved a point by more than this share of the map's radius; elsewhere the
+Hessian is of use already."""
 HESSIANS, HESSIAN_STEPS = 2, 24
 """Then the Hessian takes the place of the preconditioner: so many of them at most, and steps with each."""
 MOST_FOR_HESSIAN = 250_000
@@ -125,11 +128,14 @@ def _lower(
     progress: ProgressCallback | None,
 ) -> _Lowered:
     """Steps with the approximation, and with the Hessian until one moves no point by more than `still`."""
-    rounds = len(most) + 2
+    rounds, moved = len(most) + 2, np.inf
     for number, steps in enumerate(most):
         report(progress, number / rounds, "Lowering the distortion")
-        solver = energy.preconditioner(variables)
+        if finish and number + 1 == len(most) and moved <= FAR * radius:
+            break
+        solver, before = energy.preconditioner(variables), variables
         variables, _ = descend(energy.distortion, variables, energy.reach, solver, steps, tolerance=0.0)
+        moved = float(np.abs(variables - before).max())
     report(progress, len(most) / rounds, "Lowering the distortion")
     return _finish(energy, variables, radius, still) if finish else _Lowered(variables, solver, False)
 
