@@ -110,10 +110,15 @@ class WaysAcrossOstia:
         hole = seeds.hole.get(label, -1)
         return seeds.positions[label].tobytes() + hole.to_bytes(4, "little", signed=True)
 
-    def _tree(self, seeds: SnappedSeeds, start: str) -> PathTree:
-        """All shortest ways along edges from a seed: over its cone to its rim, or to both sides on the outer rim."""
+    def _tree(self, seeds: SnappedSeeds, start: str, limit: float = np.inf) -> PathTree:
+        """All shortest ways along edges from a seed: over its cone to its rim, or to both sides on the outer rim.
+
+        Parameters
+        ----------
+        limit : what is farther than this, mm, may be missing.
+        """
         key = self._key(seeds, start)
-        if start not in self._trees or self._trees[start][0] != key:
+        if start not in self._trees or self._trees[start][0] != key or self._trees[start][1].limit < limit:
             # The seed is one more node, with edges out to its rim and none back in.
             n = self._graph.shape[0]
             rim, far = self._around(seeds, start)
@@ -125,7 +130,7 @@ class WaysAcrossOstia:
                 ),
                 shape=(n + 1, n + 1),
             )
-            self._trees[start] = key, PathTree(extended, n)
+            self._trees[start] = key, PathTree(extended, n, limit)
         return self._trees[start][1]
 
     def _around(self, seeds: SnappedSeeds, label: str) -> tuple[IntArray, FloatArray]:
@@ -180,7 +185,8 @@ class WaysAcrossOstia:
             return straighten(mesh, begin, stop, strip)
 
         best = line_along(direct)
-        back = self._tree(seeds, end)
+        # (Nothing farther from the end than the detours allow is looked at; other ways start from the seeds of holes.)
+        back = self._tree(seeds, end, np.inf if end in seeds.hole else (1.0 + max(*DETOURS, FOOT_DETOUR)) * length)
         # Along edges, ways look longer than they are, and unevenly so: lines that leave a rim elsewhere, or on either
         # side of the one found, may be shorter.
         # (The last entry of a tree is its seed.)
