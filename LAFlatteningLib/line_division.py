@@ -273,7 +273,9 @@ def _line(
     return line if forward else line.reversed()
 
 
-def _sort_out(surface: Surface, lines: Mapping[str, Line], shared: Sequence[int]) -> tuple[dict[str, Line], list[str]]:
+def _sort_out(
+    surface: Surface, lines: Mapping[str, Line], shared: Sequence[int] = ()
+) -> tuple[dict[str, Line], list[str]]:
     """Lines that do not meet, led through points of the mesh that they all but touch; and the names of the others.
 
     Parameters

@@ -246,9 +246,7 @@ class Polygon(Cornered):
         after, second = np.roll(points, -1, axis=0), np.roll(points, -2, axis=0)
         turns = _cross(after - points, second - after)
         if len(points) >= 3 and (turns < 0.0).all():
-            raise TemplateError(
-                "shape.corners: expected counter-clockwise order, found clockwise; list them backwards."
-            )
+            raise TemplateError("shape.corners: expected counter-clockwise order, found clockwise; reverse the list.")
         # A star turns left everywhere as well, but more than once round.
         step = after - points
         headings = np.arctan2(step[:, 1], step[:, 0])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from meshes import icosphere
+from meshes import icosphere, planar
 
 from LAFlatteningLib.surface import Surface
 
@@ -12,20 +12,22 @@ VENTRICLE_MM = (25.0, 25.0, 70.0)
 ATRIUM_MM = (24.0, 26.0, 30.0)
 
 
-def ventricle(subdivisions: int = 4) -> tuple[Surface, dict[str, np.ndarray]]:
+def ventricle(rings: int = 20) -> tuple[Surface, dict[str, np.ndarray]]:
     """Half an ellipsoid, open at its base, in LPS; and its seeds.
 
     Looked at from the apex with the anterior wall up, as on the map, the patient's right is on the left.
     """
-    sphere = icosphere(1.0, subdivisions)
-    below = sphere.points[:, 2] < 1e-9
-    half, _ = sphere.submesh(below[sphere.triangles].all(axis=1))
-    surface = Surface(half.points * VENTRICLE_MM, half.triangles)
+    around = [np.arange(6 * k) * np.pi / (3 * k) + 0.1 * k for k in range(1, rings + 1)]
+    turn = np.concatenate([[0.0], *around])
+    share = np.repeat(np.arange(rings + 1) / rings, [1, *map(len, around)])
+    disk = planar(share[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1), lambda at: np.ones(len(at), bool))
+    polar = 0.5 * np.pi * share
+    # +x is the patient's left, -y anterior; the disk is seen from below, from outside.
+    unit = np.stack([np.sin(polar) * np.cos(turn), -np.sin(polar) * np.sin(turn), -np.cos(polar)], axis=1)
     seeds = {"APEX": np.array([0.0, 0.0, -VENTRICLE_MM[2]])}
-    # +x is the patient's left, -y anterior.
     for label, degrees in (("B1", 120.0), ("B2", 240.0), ("B3", 0.0)):
         seeds[label] = np.array([np.cos(np.deg2rad(degrees)), -np.sin(np.deg2rad(degrees)), 0.0]) * VENTRICLE_MM
-    return surface, seeds
+    return Surface(unit * VENTRICLE_MM, disk.triangles), seeds
 
 
 def right_atrium(coronary_sinus: bool = False, subdivisions: int = 5) -> tuple[Surface, dict[str, np.ndarray]]:
