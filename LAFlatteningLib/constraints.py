@@ -105,9 +105,11 @@ def _constraints(
         rim_ids.append(loop)
         along = along_rim(loop)
         stops = np.append(feet[1:], len(loop))
+        targets = []
         for start, stop, angles in zip(feet, stops, rim.arcs(anatomy.feet(opening)), strict=True):
             share = (along[start:stop] - along[start]) / (along[stop] - along[start])
-            rim_targets.append(rim.shape.at(rim.shape.angle_at(*angles, share)))
+            targets.append(rim.shape.at(rim.shape.angle_at(*angles, share)))
+        rim_targets.append(rim.shape.filled(np.concatenate(targets), feet))
     for name, point in division.landmarks.items():
         rim_ids.append(np.array([point], np.int64))
         rim_targets.append(np.array([template.landmarks[name]], np.float64))

@@ -88,6 +88,10 @@ class Shape:
         """Angles from one to another, both included, evenly spaced; and between them those of all corners."""
         return np.linspace(start, end, count)
 
+    def filled(self, points: FloatArray, kept: NDArray[np.int64]) -> FloatArray:
+        """Points (k, 2) spread along the outline, with one moved into each corner: the nearest that is not `kept`."""
+        return points
+
     def outline(self, count: int = 180) -> FloatArray:
         """A closed polygon of the outline, (count, 2), without repeating the first point."""
         return self.at(np.linspace(0.0, 360.0, count, endpoint=False))
@@ -103,11 +107,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class Cornered(Shape):
-    """What convex outlines with straight sides share. Their angles are those of rays from the centre.
-
-    Points spread along such an outline lie on its sides, not in its corners: on the map, the edge between the two
-    points beside a corner cuts it off.
-    """
+    """What convex outlines with straight sides share. Their angles are those of rays from the centre."""
 
     @property
     def corners(self) -> FloatArray:
@@ -194,6 +194,17 @@ class Cornered(Shape):
         corners = (angles[:, None] + turns).ravel()
         between = np.concatenate([np.linspace(low, high, count), corners[(corners > low) & (corners < high)]])
         return np.unique(between) if start <= end else np.unique(between)[::-1]
+
+    def filled(self, points: FloatArray, kept: NDArray[np.int64]) -> FloatArray:
+        """See `Shape.filled`. (Otherwise the edge between the two points beside a corner would cut it off.)"""
+        points, free = points.copy(), np.ones(len(points), bool)
+        free[kept] = False
+        for corner in self.corners:
+            if free.any():
+                nearest = int(np.where(free, np.linalg.norm(points - corner, axis=1), np.inf).argmin())
+                points[nearest] = corner
+                free[nearest] = False
+        return points
 
     def outline(self, count: int = 180) -> FloatArray:
         """See `Shape.outline`; the corners are among the points."""
