@@ -158,3 +158,13 @@ def test_other_chambers_from_file_to_map(tmp_path, capsys, name):
     flat = read_surface(tmp_path / "map.vtp")
     assert len(flat.points) == len(surface.points)
     assert set(flat.cell_data["region"].tolist()) == set(Template.load(name).anatomy.regions)
+    assert call("texture", tmp_path / "map.vtp", "--pattern", "stripes", "--output", tmp_path / "stripes.vtp") == 0
+    assert np.isfinite(read_surface(tmp_path / "stripes.vtp").point_data["stripes"]).all()
+
+
+def test_raw_chambers_other_than_the_left_atrium_are_not_prepared(tmp_path, capsys):
+    surface, _ = chambers.ventricle(12)
+    write_surface(surface, tmp_path / "chamber.vtp")
+    code = call("run", tmp_path / "chamber.vtp", "--template", "left_ventricle", "--output", tmp_path / "out")
+    assert code == 2
+    assert "use la-flatten flatten" in capsys.readouterr().err
