@@ -36,8 +36,8 @@ def add(commands: Subcommands) -> None:
     flat.add_argument(
         "--seeds",
         required=True,
-        help="the seeds of the template (9 for the left atrium): CSV label,x_mm,y_mm,z_mm in the surface's coordinates, "
-        "or a Slicer markups file .mrk.json",
+        help="the seeds of the template (9 for the left atrium): CSV label,x_mm,y_mm,z_mm in the surface's "
+        "coordinates, or a Slicer markups file .mrk.json",
     )
     flat.add_argument(
         "--output",
