@@ -137,6 +137,8 @@ class WaysAcrossOstia:
         """The points of the cavity that can be reached straight from a seed, and how far they are, mm."""
         if label in seeds.hole:
             near = self._cavity.rims[seeds.hole[label]]
+        elif label in seeds.landmark:
+            near = np.array([seeds.landmark[label]], np.int64)
         else:
             outer = self._cavity.outer
             first = int(seeds.outer_at[label])
@@ -178,10 +180,9 @@ class WaysAcrossOstia:
         begin, stop = self._place(seeds, start), self._place(seeds, end)
 
         def line_along(path: list[int]) -> Line:
-            points = [n + seeds.hole[start], *self._over_edges(path)]
-            if end in seeds.hole:
-                points.append(n + seeds.hole[end])
-            strip = mesh.along(points, None, None if end in seeds.hole else stop.half_edge // 3)
+            cones = [[n + seeds.hole[label]] if label in seeds.hole else [] for label in (start, end)]
+            points = [*cones[0], *self._over_edges(path), *cones[1]]
+            strip = mesh.along(points, None, stop.half_edge // 3 if end in seeds.outer_at else None)
             return straighten(mesh, begin, stop, strip)
 
         best = line_along(direct)
@@ -224,6 +225,8 @@ class WaysAcrossOstia:
     def _place(self, seeds: SnappedSeeds, label: str) -> Place:
         if label in seeds.hole:
             return Place(int(self._joined[seeds.hole[label]][1][0]) - 1, 0.0)
+        if label in seeds.landmark:
+            return Place(int(self.mesh.first[seeds.landmark[label]]), 0.0)
         return rim_place(self.mesh, self._cavity.outer, seeds.outer_at[label])
 
     def _over_edges(self, path: list[int]) -> list[int]:
@@ -245,14 +248,18 @@ class WaysAcrossOstia:
         strip = np.array(line.strip, np.int64)
         twin = mesh.twin[strip]
         # Out of the first cone for the last time, into the last one for the first time.
-        begin = int(np.flatnonzero(strip >= 3 * m)[-1]) + 1
-        feet = [(int(twin[begin - 1]), 1.0 - float(line.crossing[begin - 1]))]
+        if start in seeds.hole:
+            begin = int(np.flatnonzero(strip >= 3 * m)[-1]) + 1
+            feet = [(int(twin[begin - 1]), 1.0 - float(line.crossing[begin - 1]))]
+        else:
+            place = self._place(seeds, start)
+            begin, feet = 0, [(place.half_edge, place.share)]
         if end in seeds.hole:
             into = begin + int(np.flatnonzero(twin[begin:] >= 3 * m)[0])
             feet.append((int(strip[into]), float(line.crossing[into])))
         else:
             into = len(strip)
-            place = rim_place(self.mesh, self._cavity.outer, seeds.outer_at[end])
+            place = self._place(seeds, end)
             feet.append((place.half_edge, place.share))
         return Walk(
             line.length(mesh.points),
