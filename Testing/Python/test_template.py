@@ -187,7 +187,10 @@ def test_schema_is_valid_and_accepts_what_ships():
 
 
 def test_no_algorithm_names_a_vein():
-    """The algorithms loop over the table: labels of the left atrium stand in anatomy.py and the templates only."""
+    """The algorithms loop over the table: labels of the left atrium stand in anatomy.py and the templates only.
+
+    The phantom is a left atrium, and so are the maps of others (peers): their layouts are theirs.
+    """
     from pathlib import Path
 
     import LAFlatteningLib
@@ -195,7 +198,7 @@ def test_no_algorithm_names_a_vein():
     folder = Path(LAFlatteningLib.__file__).parent
     names = re.compile(r"\b(RSPV|RIPV|LIPV|LSPV|LAA|MV[1-4]?|s[1-9])\b")
     for path in folder.rglob("*.py"):
-        if path.name != "anatomy.py" and path.parent.name != "phantom":
+        if path.name != "anatomy.py" and path.parent.name not in ("phantom", "peers"):
             found = [line for line in path.read_text(encoding="utf-8").splitlines() if names.search(line)]
             assert not found, f"{path.name}: {found[0].strip()}"
 
