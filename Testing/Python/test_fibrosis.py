@@ -3,12 +3,13 @@
 import csv
 import io
 import json
+import re
 
 import numpy as np
 import pytest
 
 from LAFlatteningLib.blood_pool import BloodPool, blood_pool_of_labels, find_blood_pool, given_blood_pool
-from LAFlatteningLib.errors import LAFlatteningError, SurfaceError
+from LAFlatteningLib.errors import InputFileError, LAFlatteningError, SurfaceError
 from LAFlatteningLib.fibrosis import Rule, measure_fibrosis, share_reaching
 from LAFlatteningLib.files import read_surface, write_surface
 from LAFlatteningLib.parcellation import Parcellation
@@ -285,6 +286,22 @@ def test_an_empty_blood_pool_is_refused(phantom, image):
     coarse = Volume(image.values[::20, ::30, ::30], image.spacing * (30, 30, 20), image.origin, image.direction)
     with pytest.raises(LAFlatteningError, match="no blood pool"):
         find_blood_pool(phantom.surface, coarse)
+
+
+def test_blood_of_an_image_that_shows_nothing_is_refused(phantom, image):
+    blank = Volume(np.full_like(image.values, 7.0), image.spacing, image.origin, image.direction)
+    with pytest.raises(InputFileError, match="7 everywhere"):
+        find_blood_pool(phantom.surface, blank)
+
+
+def test_blood_of_a_part_of_the_chamber_says_so_and_of_a_corner_is_refused(phantom, image):
+    z = phantom.surface.points[:, 2]
+    index = (np.percentile(z, [8, 50]) - image.origin[2]) / image.spacing[2]
+    some, half = (Volume(image.values[: int(last) + 1], image.spacing, image.origin, image.direction) for last in index)
+    assert 45.0 < float(re.search(r"reaches (\d+) %", find_blood_pool(phantom.surface, half).how)[1]) < 55.0
+    assert "reaches" not in find_blood_pool(phantom.surface, image).how
+    with pytest.raises(LAFlatteningError, match=r"reaches \d % of the chamber.*axes"):
+        find_blood_pool(phantom.surface, some)
 
 
 def test_a_ratio_to_shifted_intensities_is_refused(phantom, image):
