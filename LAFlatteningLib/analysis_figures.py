@@ -33,6 +33,7 @@ from .page import (
     write_heading,
     write_text,
 )
+from .scalar_arrays import scalar_array
 from .shading import NO_VALUE, OPPOSITE, FloatArray, Paint, label_of, rasterise, shade, standard_view
 from .surface import Surface
 from .template import Template
@@ -189,10 +190,7 @@ def class_paint(surface: Surface, found: Fibrosis) -> Paint:
     """The colours of the classes: bands whose borders are where the array, linear in each triangle, has a threshold."""
     from matplotlib.colors import BoundaryNorm, ListedColormap
 
-    on_points = found.array in surface.point_data
-    array = (surface.point_data if on_points else surface.cell_data)[found.array]
-    values = np.array(array, np.float64).reshape(-1)
-    values[~np.isfinite(values)] = np.nan
+    values, on_points = scalar_array(surface, found.array)
     limits, colours = list(found.thresholds), class_colours(found)
     if found.rule.direction == "below":
         limits, colours = limits[::-1], colours[::-1]

@@ -18,10 +18,12 @@ from numpy.typing import NDArray
 from . import operators
 from ._version import __version__
 from .errors import LAFlatteningError, TemplateError
-from .fibrosis import DIRECTIONS, corner_values
+from .fibrosis import DIRECTIONS
 from .flattening.flat_map import FlatMap
 from .map_data import MapData
 from .parcellation import Parcellation, Part
+from .quantities import diseased_side
+from .scalar_arrays import corner_values
 from .shading import Raster, rasterise
 from .surface import FloatArray, IntArray, Surface
 from .template import Template
@@ -194,8 +196,8 @@ def compare_maps(
     array_b: str,
     threshold_a: float | None = None,
     threshold_b: float | None = None,
-    direction_a: str = "above",
-    direction_b: str = "above",
+    direction_a: str | None = None,
+    direction_b: str | None = None,
     scale: str = "auto",
 ) -> Comparison:
     """Compare an array of one map with an array of another, at the same places of their template.
@@ -208,8 +210,8 @@ def compare_maps(
     a, b : maps, or the surfaces that map files hold; of the same template.
     array_a, array_b : scalar point or cell arrays.
     threshold_a, threshold_b : both, for the overlap of what reaches them (Dice), or neither.
-    direction_a, direction_b : "above" (a value counts from its threshold on) or "below" (where it is less), as for low
-        voltage.
+    direction_a, direction_b : "above" (a value counts from its threshold on) or "below" (where it is less).
+        Default: below for voltages, above for everything else.
     scale : "values", "ranks" (see `Comparison`), or "auto": values if both arrays have the same name.
 
     Raises
@@ -222,6 +224,7 @@ def compare_maps(
     _check_templates(one.template, other.template)
     if (threshold_a is None) != (threshold_b is None):
         raise LAFlatteningError("The overlap needs a threshold for each map; found one. Give both, or none.")
+    direction_a, direction_b = direction_a or diseased_side(array_a), direction_b or diseased_side(array_b)
     for direction in (direction_a, direction_b):
         if direction not in DIRECTIONS:
             raise LAFlatteningError(f'Expected the direction "above" or "below", found "{direction}".')

@@ -22,7 +22,9 @@ from .blood_pool import BloodPool
 from .errors import LAFlatteningError
 from .flattening.flat_map import REGION_ARRAY, FlatMap
 from .map_data import MapData
-from .surface import FloatArray, IntArray, Surface
+from .quantities import diseased_side, unit_of
+from .scalar_arrays import corner_values, share_reaching
+from .surface import IntArray, Surface
 
 BoolArray = NDArray[np.bool_]
 
@@ -77,10 +79,12 @@ class Rule:
         sign = 1.0 if self.direction == "above" else -1.0
         if any(sign * b <= sign * a for a, b in zip(self.factors, self.factors[1:], strict=False)):
             order = "rising" if self.direction == "above" else "falling"
+            falls = self.direction == "above" and list(self.factors) == sorted(set(self.factors), reverse=True)
             right = ",".join(f"{x:g}" for x in sorted(set(self.factors), reverse=self.direction == "below"))
             raise LAFlatteningError(
                 f"The thresholds are out of order: expected them from normal to diseased, {order}, each once; found "
-                f"{','.join(f'{x:g}' for x in self.factors)}. Write {self.kind}={right}."
+                f"{','.join(f'{x:g}' for x in self.factors)}. Write {self.kind}={right}"
+                + (', or choose the direction "below" if low values are diseased.' if falls else ".")
             )
 
     @classmethod
@@ -268,7 +272,7 @@ def measure_fibrosis(
     *,
     parcels: Mapping[str, tuple[IntArray, Mapping[int, str]]] | None = None,
     class_names: Sequence[str] | None = None,
-    unit: str = "",
+    unit: str | None = None,
     anatomy: Anatomy | None = None,
 ) -> Fibrosis:
     """Areas of the classes of an array, on the atrium in 3D.
@@ -283,13 +287,13 @@ def measure_fibrosis(
     array : scalar point array, or cell array.
     parcels : name of a group -> label of each triangle (m,), and label -> name. Labels without a name count to nothing.
     class_names : from normal on, one more than thresholds.
-    unit : of the array, for people.
+    unit : of the array, for people; default: by its name (`quantities.unit_of`).
     anatomy : names the regions; default: that of the map, or the left atrium.
 
     Raises
     ------
-    LAFlatteningError : no such array, or one that is NaN everywhere; the rule needs a blood pool; names or labels that
-        do not fit.
+    LAFlatteningError : no such array, or one that is NaN everywhere; the rule needs a blood pool, or compares with
+        blood what is no intensity (a voltage); names or labels that do not fit.
     SurfaceError : a map file without the positions on the atrium.
 
     Examples
@@ -302,10 +306,20 @@ def measure_fibrosis(
     surface, data = on_atrium(atrium)
     anatomy = anatomy or (data.template.anatomy if data is not None else LEFT_ATRIUM)
     corners = corner_values(surface, array)
+    unit = unit_of(array) if unit is None else unit
+    if rule.needs_blood_pool and unit_of(array):
+        raise LAFlatteningError(
+            f"The rule {rule.kind} compares intensities of an image with those of blood, and {array} is in "
+            f"{unit_of(array)}. Take the rule value, like value=0.5,0.1 for bipolar voltage."
+        )
     thresholds = rule.thresholds(blood_pool)
     names = tuple(class_names) if class_names is not None else _default_names(rule)
     if len(names) != len(thresholds) + 1:
-        raise LAFlatteningError(f"Expected {len(thresholds) + 1} names of classes, found {len(names)}: {names}.")
+        raise LAFlatteningError(
+            f"Expected {len(thresholds) + 1} names of classes, found {len(names)}: {', '.join(names)}."
+        )
+    if not all(names) or len(set(names)) < len(names):
+        raise LAFlatteningError(f"Expected names of classes that differ, none empty; found {', '.join(names)}.")
     area = surface.triangle_areas / 100.0
     missing: BoolArray = np.any(np.isnan(corners), axis=1)
     filled = np.where(missing[:, None], 0.0, corners)
@@ -335,6 +349,18 @@ def measure_fibrosis(
             f"{whole.missing_triangles} triangles ({whole.missing_cm2:.1f} cm2, {share:.1f} % of the atrium) have no "
             "value and were left out."
         )
+    low, high = float(filled[~missing].min()), float(filled[~missing].max())
+    first, last = min(thresholds), max(thresholds)
+    if low >= last or high < first:
+        notes.append(
+            f"All values of {array} ({low:.4g} to {high:.4g}) are on one side of the thresholds "
+            f"({', '.join(f'{limit:.4g}' for limit in thresholds)}). Check that these are meant for this array."
+        )
+    if rule.direction != diseased_side(array):
+        notes.append(
+            f"Values of {array} {rule.direction} the thresholds were counted as diseased; as a rule, those on the "
+            "other side are."
+        )
     return Fibrosis(array, unit, rule, thresholds, names, blood_pool, tuple(parts), tuple(notes))
 
 
@@ -352,58 +378,6 @@ def on_atrium(atrium: FlatMap | MapData | Surface) -> tuple[Surface, MapData | N
         surface = data.surface.with_data(cell_data={REGION_ARRAY: atrium.regions})
         data = MapData(surface, data.flat, data.template)
     return data.surface, data
-
-
-def corner_values(surface: Surface, array: str) -> FloatArray:
-    """The values of a scalar point or cell array at the corners of each triangle, (m, 3), infinite ones as NaN.
-
-    Raises
-    ------
-    LAFlatteningError : no such array, not one of single numbers, or no number in it.
-    """
-    on_points = array in surface.point_data
-    arrays = surface.point_data if on_points else surface.cell_data
-    if array not in arrays:
-        known = sorted({*surface.point_data, *surface.cell_data})
-        raise LAFlatteningError(
-            f'There is no array "{array}"; found {", ".join(known) or "none"}. Check its name, or project an '
-            "image first."
-        )
-    values = np.asarray(arrays[array])
-    if values.dtype.kind not in "fiub" or values.size != len(values):
-        raise LAFlatteningError(f'The array "{array}" does not hold single numbers. Choose a scalar array.')
-    values = values.reshape(-1).astype(np.float64)
-    values[~np.isfinite(values)] = np.nan
-    corners = values[surface.triangles] if on_points else np.repeat(values[:, None], 3, axis=1)
-    if np.isnan(corners).any(axis=1).all():
-        raise LAFlatteningError(
-            f'The array "{array}" has no value in any triangle ({np.count_nonzero(np.isfinite(values))} of '
-            f"{len(values)} entries are numbers). Check the image or the recording that it comes from."
-        )
-    return corners
-
-
-def share_reaching(corners: FloatArray, threshold: float) -> FloatArray:
-    """Share of the area of each triangle where a linear quantity is `threshold` or more; (m,), exact.
-
-    Parameters
-    ----------
-    corners : (m, 3) values at the corners, finite.
-
-    Examples
-    --------
-    >>> share_reaching(np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 1.0], [2.0, 2.0, 2.0]]), 0.5).tolist()
-    [0.25, 0.75, 1.0]
-    """
-    low, middle, high = np.sort(corners, axis=1).T
-    with np.errstate(divide="ignore", invalid="ignore"):
-        tip = (high - threshold) ** 2 / ((high - low) * (high - middle))
-        rest = 1.0 - (threshold - low) ** 2 / ((high - low) * (middle - low))
-    share = np.where(threshold > middle, tip, rest)
-    share = np.where(threshold > high, 0.0, share)
-    # At the largest value nothing but a line or a point reaches it, unless a whole side or triangle has it.
-    share = np.where(threshold == high, np.where(low == high, 1.0, 0.0), share)
-    return np.where(threshold <= low, 1.0, share)
 
 
 def _default_names(rule: Rule) -> tuple[str, ...]:
@@ -438,8 +412,6 @@ __all__ = [
     "Fibrosis",
     "Part",
     "Rule",
-    "corner_values",
     "measure_fibrosis",
     "on_atrium",
-    "share_reaching",
 ]

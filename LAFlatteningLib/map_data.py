@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from .errors import LAFlatteningError, SurfaceError, TemplateError
+from .errors import SurfaceError, TemplateError
 from .flattening.flat_map import POSITION_ARRAY, FlatMap
+from .scalar_arrays import scalar_array
 from .surface import FloatArray, IntArray, Surface
 from .template import Template, builtin_templates
 
@@ -69,25 +70,15 @@ class MapData:
         return self.surface.triangles
 
     def point_values(self, array: str) -> FloatArray:
-        """The values of a scalar array at the points, (n,), NaN where there is none; cell arrays are spread by area.
+        """The values of a scalar array at the points, (n,), NaN where there is none (infinite ones too); cell arrays
+        are spread by area.
 
         Raises
         ------
         LAFlatteningError : no such array, or not one of single numbers.
         """
-        surface = self.surface
-        for arrays, on_points in ((surface.point_data, True), (surface.cell_data, False)):
-            if array not in arrays:
-                continue
-            values = np.asarray(arrays[array])
-            if values.dtype.kind not in "fiub" or values.size != len(values):
-                raise LAFlatteningError(f'The array "{array}" does not hold single numbers. Choose a scalar array.')
-            values = values.reshape(-1).astype(np.float64)
-            return values if on_points else self._spread(values)
-        known = sorted({*surface.point_data, *surface.cell_data})
-        raise LAFlatteningError(
-            f'The map has no array "{array}"; found {", ".join(known) or "none"}. Check the name of the array.'
-        )
+        values, on_points = scalar_array(self.surface, array)
+        return values if on_points else self._spread(values)
 
     def _spread(self, values: FloatArray) -> FloatArray:
         """Means of the known values of the triangles round each point."""

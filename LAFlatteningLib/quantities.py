@@ -36,6 +36,18 @@ def is_voltage(name: str) -> bool:
     return unit_of(name) == "mV"
 
 
+def diseased_side(name: str) -> str:
+    """On which side of a threshold the values of an array are diseased, by its name: "below" for voltages, "above" for
+    everything else.
+
+    Examples
+    --------
+    >>> diseased_side("Bipolar"), diseased_side("LGE")
+    ('below', 'above')
+    """
+    return "below" if is_voltage(name) else "above"
+
+
 def measured(values: NDArray) -> NDArray[np.float64]:
     """Values as float64, NaN where nothing was measured."""
     values = np.asarray(values, np.float64)

@@ -9,6 +9,7 @@ from typing import Any
 
 from .errors import InputFileError
 from .flattening.flat_map import USUAL_DILATATION
+from .gaps.quantification import scar_words
 from .report import Picture, Section, Table, write_report
 from .schema import load_json
 
@@ -96,7 +97,8 @@ def gap_section(gaps: Mapping[str, Any], pictures: list[Picture]) -> Section:
     results = gaps["results"]
     shown = results[len(results) // 2]
     words = [
-        f"Scar is {gaps['array']} of {shown['threshold']:g} or more. Round each vein, and round the veins of each side "
+        f"Scar is {scar_words(gaps['array'], gaps.get('direction', 'above'), shown['threshold'])}. "
+        "Round each vein, and round the veins of each side "
         "together, the closed path with the least length outside scar was looked for "
         f"({gaps['search']}). Its pieces outside scar are the gaps; the relative gap measure (RGM) is their share of "
         "the path: 0 is a complete ring, 1 is no scar at all.",

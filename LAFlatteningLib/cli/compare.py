@@ -39,8 +39,8 @@ def add(commands: Subcommands) -> None:
         sub.add_argument(
             f"--direction-{letter}",
             choices=DIRECTIONS,
-            default=DIRECTIONS[0],
-            help=f"which values of {letter.upper()} are diseased; below: low voltage (default: %(default)s)",
+            help=f"on which side of its threshold {letter.upper()} is diseased (default: below for voltages, above for "
+            "everything else)",
         )
     sub.add_argument(
         "--scale",

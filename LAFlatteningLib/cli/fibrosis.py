@@ -14,6 +14,7 @@ from ..files import atomic_write, check_writable, read_surface, read_volume
 from ..map_data import MapData
 from ..page import check_figure_path
 from ..parcellation import builtin_parcellations, parcels_of
+from ..quantities import diseased_side
 from ..surface import Surface
 from .command import Subcommands, add_command, check_distinct
 from .progress import Progress
@@ -38,7 +39,9 @@ def add(commands: Subcommands) -> None:
         "the units of the array. Several thresholds from normal to diseased",
     )
     sub.add_argument(
-        "--direction", choices=DIRECTIONS, default=DIRECTIONS[0], help="below: for voltage (default: %(default)s)"
+        "--direction",
+        choices=DIRECTIONS,
+        help="on which side of the thresholds disease is (default: below for voltages, above for everything else)",
     )
     sub.add_argument("--volume", metavar="V", help="image in which the blood pool is measured, inside the atrium")
     sub.add_argument("--blood-pool-labels", metavar="L", help="label map of the blood, in place of the inside")
@@ -52,7 +55,7 @@ def add(commands: Subcommands) -> None:
         help=f"further parts to measure, may be repeated: {', '.join(builtin_parcellations())}, or a file",
     )
     sub.add_argument("--template", metavar="NAME|FILE.json", help="of the map (default: the one that the map names)")
-    sub.add_argument("--unit", default="", help="of the array, for the table and the figure, like mV")
+    sub.add_argument("--unit", help="of the array, for the table and the figure (default: by its name, like mV)")
     sub.add_argument("--names", metavar="A,B[,...]", help="names of the classes, from normal on")
     sub.add_argument("--output", required=True, metavar="F.json", help="areas and percentages")
     sub.add_argument("--csv", metavar="F.csv", help="the same as a table")
@@ -64,7 +67,7 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
     if options.figure:
         check_figure_path(options.figure)
     check_distinct(options, ("map", "volume", "blood_pool_labels", "template", "output", "csv", "figure"))
-    rule = Rule.parse(options.rule, options.direction)
+    rule = Rule.parse(options.rule, options.direction or diseased_side(options.array))
     _check_options(options, rule)
     outputs = [path for path in (options.output, options.csv, options.figure) if path]
     for path in outputs:

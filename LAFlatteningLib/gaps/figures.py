@@ -27,7 +27,7 @@ from ..page import (
     write_heading,
     write_text,
 )
-from ..shading import NO_VALUE, FloatArray, Raster
+from ..shading import NO_VALUE, FloatArray, Raster, label_of
 from .quantification import Encirclement, GapReport
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def make_gap_figure(flat_map: FlatMap | MapData, report: GapReport, *, threshold
     level = report.thresholds[len(report.thresholds) // 2] if threshold is None else threshold
     rings = report.at(level)
     figure = Figure(figsize=PAGE_INCHES, dpi=DOTS_PER_INCH, facecolor="white")
-    title = f"Gaps round the veins: scar is {report.array} of {level:g} or more"
+    title = f"Gaps round the veins: scar is {report.scar_words(level)}"
     centred: dict[str, Any] = {"ha": "center", "va": "center", "parse_math": False}
     figure.text(0.5, 1.0 - 0.36 / PAGE_INCHES[1], title, size=TITLE_SIZE, color=INK, **centred)
     facts = [
@@ -88,7 +88,7 @@ def make_gap_figure(flat_map: FlatMap | MapData, report: GapReport, *, threshold
     for label, heading, some in (("alone", "Each vein", alone), ("together", "Veins together", together)):
         if some:
             axes = add_axes(figure, label, (left, 3.05, 4.4, 4.4))
-            _draw(axes, data, raster, values, level, some)
+            _draw(axes, data, raster, values, level, report.direction, some)
             write_heading(axes, heading, 0.05)
             _table(figure, left, some)
             left += 4.6
@@ -99,13 +99,20 @@ def make_gap_figure(flat_map: FlatMap | MapData, report: GapReport, *, threshold
 
 
 def _draw(
-    axes: Axes, data: MapData, raster: Raster, values: FloatArray, level: float, rings: dict[str, Encirclement]
+    axes: Axes,
+    data: MapData,
+    raster: Raster,
+    values: FloatArray,
+    level: float,
+    direction: str,
+    rings: dict[str, Encirclement],
 ) -> None:
     from matplotlib.collections import LineCollection
     from matplotlib.colors import to_rgb
 
     at = raster.interpolate(values)
-    colours = np.where((at >= level)[:, None], to_rgb(SCAR_COLOUR), to_rgb(HEALTHY_COLOUR))
+    scar = at >= level if direction == "above" else at < level
+    colours = np.where(scar[:, None], to_rgb(SCAR_COLOUR), to_rgb(HEALTHY_COLOUR))
     colours[np.isnan(at)] = to_rgb(NO_VALUE)
     show_raster(axes, raster, colours)
     for loop in data.surface.boundary_loops:
@@ -191,7 +198,7 @@ def _curves(axes: Axes, report: GapReport, level: float) -> None:
         )  # fmt: skip
     axes.axvline(level, color=FAINT, linewidth=0.8, linestyle=":")
     axes.set_ylim(-0.03, 1.03)
-    axes.set_xlabel(f"threshold of {report.array}", size=SMALL_SIZE, color=INK, parse_math=False)
+    axes.set_xlabel(f"threshold of {label_of(report.array)}", size=SMALL_SIZE, color=INK, parse_math=False)
     axes.set_ylabel("relative gap measure (0 complete)", size=SMALL_SIZE, color=INK)
     axes.tick_params(labelsize=SMALL_SIZE, colors=FAINT)
     axes.spines[["top", "right"]].set_visible(False)

@@ -19,6 +19,7 @@ from ..flattening import FlatMap
 from ..map_data import MapData
 from ..parcellation import NO_PART, Parcellation
 from ..progress import ProgressCallback, report
+from ..quantities import diseased_side, unit_of
 from ..surface import FloatArray, IntArray
 from .level import cut_at_level
 from .ring_search import Ring, best_ring
@@ -74,7 +75,7 @@ class Encirclement:
     Attributes
     ----------
     area, openings : the search area, and the openings that it goes round.
-    threshold : scar is where the array reaches it.
+    threshold : beyond which the array is scar.
     gap_length_mm, scar_length_mm : length of the path outside and within scar.
     gaps : the healthy pieces, of the least length asked for or more, longest first.
     small_gaps : how many shorter ones there are; their length counts in `gap_length_mm`.
@@ -136,6 +137,7 @@ class GapReport:
     Attributes
     ----------
     array, space : the array that scar was read from; patient axes of positions.
+    direction : "above": scar is where the array reaches a threshold; "below": where it is less, as for voltage.
     thresholds : increasing.
     search, segments : names of the parcellations: search areas, and segments by which places are named.
     minimum_mm : least length of a gap in the lists.
@@ -145,12 +147,17 @@ class GapReport:
 
     array: str
     space: str
+    direction: str
     thresholds: tuple[float, ...]
     search: str
     segments: str
     minimum_mm: float
     rings: Mapping[str, tuple[Encirclement, ...]]
     notes: tuple[str, ...]
+
+    def scar_words(self, threshold: float) -> str:
+        """What is scar, as in "LGE of 120 or more" or "Bipolar below 0.5 mV"."""
+        return scar_words(self.array, self.direction, threshold)
 
     def at(self, threshold: float) -> dict[str, Encirclement]:
         """Search area -> path, for one of the thresholds."""
@@ -163,6 +170,7 @@ class GapReport:
             "version": __version__,
             "array": self.array,
             "space": self.space,
+            "direction": self.direction,
             "search": self.search,
             "segments": self.segments,
             "thresholds": list(self.thresholds),
@@ -184,6 +192,7 @@ def find_gaps(
     search: Search = SEARCH_MM,
     segments: Parcellation | str | Path = "vein_segments",
     minimum_mm: float = 0.0,
+    direction: str | None = None,
     progress: ProgressCallback | None = None,
 ) -> GapReport:
     """Measure the gaps round each vein and each pair of veins.
@@ -192,7 +201,9 @@ def find_gaps(
     ----------
     flat_map : a map, or `MapData` of a map file.
     array : a scalar point or cell array: intensity, or scar as 0 and 1 (threshold 0.5).
-    thresholds : scar is where the array, linear in each triangle, reaches the threshold. One or more, increasing.
+    thresholds : one or more, increasing.
+    direction : "above": scar is where the array, linear in each triangle, reaches the threshold. "below": where it is
+        less. Default: below for voltages, above for everything else.
     search : where the path round each vein, and round the veins of each side together, is looked for. A number: within
         so many mm of the rims, and nearer to them than to any other hole. Or a parcellation (name, file or object) of
         which each part goes round one opening or several, such as the published "vein_surroundings"; or area -> point
@@ -222,6 +233,9 @@ def find_gaps(
     levels = _check_thresholds(thresholds)
     if not (np.isfinite(minimum_mm) and minimum_mm >= 0.0):
         raise LAFlatteningError(f"Expected a least length of gaps of 0 mm or more, found {minimum_mm:g}.")
+    direction = direction or diseased_side(array)
+    if direction not in ("above", "below"):
+        raise LAFlatteningError(f'Expected scar "above" or "below" thresholds, found "{direction}".')
     values = data.point_values(array)
     known = np.isfinite(values)
     if not known.any():
@@ -233,9 +247,10 @@ def find_gaps(
         )
     for level in levels:
         if level > values[known].max() or level <= values[known].min():
+            everything = (level > values[known].max()) == (direction == "below")
             notes.append(
                 f"The threshold {level:g} is outside the values of {array} ({values[known].min():g} to "
-                f"{values[known].max():g}): {'nothing' if level > values[known].max() else 'everything'} is scar."
+                f"{values[known].max():g}): {'everything' if everything else 'nothing'} is scar."
             )
     areas = search_areas(data, search)
     model = segments if isinstance(segments, Parcellation) else Parcellation.load(segments)
@@ -246,7 +261,7 @@ def find_gaps(
         for k, level in enumerate(levels):
             share = (index + k / len(levels)) / len(areas)
             report(progress, share, f"Looking for gaps: {area.name} at {level:g}")
-            found.append(_encircle(data, values, level, area, model, segment_of, minimum_mm))
+            found.append(_encircle(data, values, level, direction, area, model, segment_of, minimum_mm))
         rings[area.name] = tuple(found)
         if found[0].unknown_share > 0.0:
             notes.append(f"{100 * found[0].unknown_share:.1f} % of the search area {area.name} has no value.")
@@ -260,6 +275,7 @@ def find_gaps(
     return GapReport(
         array,
         data.surface.space,
+        direction,
         levels,
         describe_search(search),
         model.name,
@@ -269,6 +285,12 @@ def find_gaps(
     )
 
 
+def scar_words(array: str, direction: str, threshold: float) -> str:
+    """What is scar, as in "LGE of 120 or more" or "Bipolar below 0.5 mV"."""
+    number = " ".join(word for word in (f"{threshold:.4g}", unit_of(array)) if word)
+    return f"{array} of {number} or more" if direction == "above" else f"{array} below {number}"
+
+
 # ---- one vein at one threshold ---------------------------------------------------------------------------------------
 
 
@@ -276,6 +298,7 @@ def _encircle(
     data: MapData,
     values: FloatArray,
     level: float,
+    direction: str,
     area: SearchArea,
     model: Parcellation,
     segment_of: IntArray,
@@ -284,7 +307,9 @@ def _encircle(
     triangles = data.triangles[area.triangles]
     ids, corners = np.unique(triangles, return_inverse=True)
     local = corners.reshape(-1, 3)
-    mesh = cut_at_level(data.surface.points[ids], data.flat[ids], local, values[ids], level)
+    # To reach a threshold is to be it or more; to be below it is to be less.
+    signed, cut = (values, level) if direction == "above" else (-values, float(np.nextafter(-level, np.inf)))
+    mesh = cut_at_level(data.surface.points[ids], data.flat[ids], local, signed[ids], cut)
     ring = best_ring(mesh, area.centre)
     if ring is None:
         raise SurfaceError(

@@ -116,7 +116,7 @@ def test_a_patch_is_found_where_it_was_put(phantom_map):
 def test_quantities_that_cannot_be_subtracted_are_compared_by_rank(phantom_map):
     values = pattern(phantom_map.surface.points)
     both = with_array(with_array(phantom_map, "LGE", values), "voltage", np.exp(-values / 20.0))
-    found = compare_maps(both, both, "LGE", "voltage")
+    found = compare_maps(both, both, "LGE", "voltage", direction_b="above")
     assert found.scale == "ranks"
     assert found.whole.spearman == pytest.approx(-1.0, abs=1e-5)
     assert found.whole.pearson > -1.0 + 1e-3
@@ -126,7 +126,8 @@ def test_quantities_that_cannot_be_subtracted_are_compared_by_rank(phantom_map):
     assert 0.0 <= a.min() < 0.1 and 99.9 < a.max() <= 100.0
     # Low voltage is diseased: then the two say the same, and overlap.
     limits = np.percentile(values, 80), np.exp(-np.percentile(values, 80) / 20.0)
-    alike = compare_maps(both, both, "LGE", "voltage", *limits, direction_b="below")
+    alike = compare_maps(both, both, "LGE", "voltage", *limits)
+    assert (alike.direction_a, alike.direction_b) == ("above", "below")
     assert np.abs(alike.difference).max() < 3.0
     assert alike.whole.spearman == found.whole.spearman
     assert alike.whole.dice > 0.97

@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 from LAFlatteningLib.blood_pool import BloodPool, blood_pool_of_labels, find_blood_pool, given_blood_pool
+from LAFlatteningLib.cli import main
 from LAFlatteningLib.errors import InputFileError, LAFlatteningError, SurfaceError
-from LAFlatteningLib.fibrosis import Rule, measure_fibrosis, share_reaching
+from LAFlatteningLib.fibrosis import Rule, measure_fibrosis
 from LAFlatteningLib.files import read_surface, write_surface
 from LAFlatteningLib.parcellation import Parcellation
 from LAFlatteningLib.phantom import LgeModel, left_atrium_shape, make_lge_volume, make_phantom
 from LAFlatteningLib.projection import project
+from LAFlatteningLib.scalar_arrays import share_reaching
 from LAFlatteningLib.surface import Surface
 from LAFlatteningLib.volume import Volume
 
@@ -183,6 +185,7 @@ def test_rules_and_labels_of_classes(phantom):
     [
         ("iir=1.32,1.2", "above", "out of order.*rising.*iir=1.2,1.32"),
         ("value=120,120", "above", "each once"),
+        ("value=0.5,0.1", "above", 'choose the direction "below" if low values'),
         ("value=0.1,0.5", "below", "falling.*value=0.5,0.1"),
         ("otsu=1", "above", 'found "otsu"'),
         ("iir", "above", "rule like iir"),
@@ -207,6 +210,30 @@ def test_rules_that_mean_nothing_for_a_blood_pool_are_refused(phantom):
         given_blood_pool(100.0, -1.0)
 
 
+def test_low_voltages_are_diseased_without_being_told(phantom, phantom_map, tmp_path):
+    surface = with_regions(phantom, Bipolar=0.5 + (120.0 - phantom.surface.point_data["LGE"]) / 50.0)
+    share = measure_fibrosis(surface, "LGE", Rule("value", (120.0,))).atrium.beyond_percent
+    write_surface(surface, tmp_path / "atrium.vtp")
+    command = ("fibrosis", str(tmp_path / "atrium.vtp"), "--array", "Bipolar", "--output", str(tmp_path / "f.json"))
+    assert main([*command, "--rule", "value=0.5,0.1"]) == 0
+    found = json.loads((tmp_path / "f.json").read_text())
+    assert (found["direction"], found["unit"], found["notes"]) == ("below", "mV", [])
+    assert found["parts"][0]["beyond_percent"] == pytest.approx(share, abs=1e-6)
+    assert main([*command, "--rule", "value=0.5", "--direction", "above"]) == 0
+    found = json.loads((tmp_path / "f.json").read_text())
+    assert "other side" in found["notes"][0]
+    assert found["parts"][0]["beyond_percent"] == pytest.approx(100.0 - share, abs=1e-6)
+    with pytest.raises(LAFlatteningError, match="Bipolar is in mV"):
+        measure_fibrosis(surface, "Bipolar", Rule("iir", (1.2,)), BloodPool(100.0, 8.0, "test"))
+
+
+@pytest.mark.parametrize("limits", [(1.2, 1.32), (500.0,)])
+def test_thresholds_that_no_value_crosses_are_noted(phantom, limits):
+    assert measure_fibrosis(phantom.surface, "LGE", Rule("value", (120.0,))).notes == ()
+    note = measure_fibrosis(phantom.surface, "LGE", Rule("value", limits)).notes[0]
+    assert "(100 to 170) are on one side" in note
+
+
 def test_arrays_that_cannot_be_measured_are_refused(phantom):
     surface, rule = phantom.surface, Rule("value", (1.0,))
     with pytest.raises(LAFlatteningError, match='no array "MIP"; found LGE, scar'):
@@ -218,6 +245,9 @@ def test_arrays_that_cannot_be_measured_are_refused(phantom):
         measure_fibrosis(nothing, "xyz", rule)
     with pytest.raises(LAFlatteningError, match="2 names of classes, found 1"):
         measure_fibrosis(surface, "LGE", rule, class_names=("one",))
+    for names in (("same", "same"), ("normal", "")):
+        with pytest.raises(LAFlatteningError, match="names of classes that differ, none empty"):
+            measure_fibrosis(surface, "LGE", rule, class_names=names)
     with pytest.raises(LAFlatteningError, match="one for each triangle"):
         measure_fibrosis(surface, "LGE", rule, parcels={"p": (np.zeros(3, np.int64), {1: "a"})})
 
