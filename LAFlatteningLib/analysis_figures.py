@@ -25,6 +25,7 @@ from .page import (
     TEXT_SIZE,
     TITLE_SIZE,
     add_axes,
+    digits,
     draw_line,
     rasterise_map,
     require_matplotlib,
@@ -121,7 +122,8 @@ def make_comparison_figure(found: Comparison, *, names: tuple[str, str] = ("A", 
     if low == high:
         low, high = low - 0.5, high + 0.5
     whole = found.whole
-    title = f"{names[0]} and {names[1]}: Pearson r = {whole.pearson:.2f}, Spearman rho = {whole.spearman:.2f}"
+    title = f"{names[0]} and {names[1]}: Pearson r = {digits(whole.pearson, 2)}, Spearman rho = "
+    title += digits(whole.spearman, 2)
     figure = _page(title, _comparison_facts(found))
     cmap, norm = colormaps["plasma"], Normalize(low, high)
     for letter, name, array, values, left in (

@@ -217,13 +217,16 @@ def compare_maps(
     Raises
     ------
     TemplateError : maps of different templates.
-    LAFlatteningError : no such array, NaN everywhere, no common places, one threshold only.
+    LAFlatteningError : no such array, NaN everywhere, no common places, one threshold only or none that is a number.
     SurfaceError : a map file without the positions on the atrium.
     """
     one, other = MapData.of(a), MapData.of(b)
     _check_templates(one.template, other.template)
     if (threshold_a is None) != (threshold_b is None):
         raise LAFlatteningError("The overlap needs a threshold for each map; found one. Give both, or none.")
+    for threshold in (threshold_a, threshold_b):
+        if threshold is not None and not np.isfinite(threshold):
+            raise LAFlatteningError(f"Expected thresholds that are numbers, found {threshold:g}.")
     direction_a, direction_b = direction_a or diseased_side(array_a), direction_b or diseased_side(array_b)
     for direction in (direction_a, direction_b):
         if direction not in DIRECTIONS:
@@ -267,6 +270,7 @@ def compare_maps(
             f"{whole.missing_percent:.1f} % of the map have no value on one of the two maps, or on both, and "
             "were left out."
         )
+    notes += _doubts((f"{array_a} of A", values_a), (f"{array_b} of B", values_b), scale)
     return Comparison(
         array_a,
         array_b,
@@ -313,6 +317,24 @@ def weighted_ranks(values: FloatArray, weights: FloatArray) -> FloatArray:
     kinds, index = np.unique(np.round(values / step) if step > 0.0 else values, return_inverse=True)
     own = np.bincount(index, weights, minlength=len(kinds)) / weights.sum()
     return (np.cumsum(own) - 0.5 * own)[index]
+
+
+def _doubts(a: tuple[str, FloatArray], b: tuple[str, FloatArray], scale: str) -> list[str]:
+    """What speaks against comparing two quantities, each with what it is called."""
+    known = [values[np.isfinite(values)] for _, values in (a, b)]
+    notes = [
+        f"{name} is {values[0]:.4g} everywhere, so that there is no correlation."
+        for (name, _), values in zip((a, b), known, strict=True)
+        if np.ptp(values) <= SAME * np.abs(values).max()
+    ]
+    # A few outliers say nothing about the scale.
+    (low_a, high_a), (low_b, high_b) = (np.percentile(values, [1.0, 99.0]) for values in known)
+    if scale == "values" and (high_a < low_b or high_b < low_a):
+        notes.append(
+            f"{a[0]} ({low_a:.4g} to {high_a:.4g}) and {b[0]} ({low_b:.4g} to {high_b:.4g}) have no values in common: "
+            'if they are not on one scale, their difference means nothing. Take the scale "ranks" then.'
+        )
+    return notes
 
 
 def _check_templates(a: Template, b: Template) -> None:
@@ -387,6 +409,8 @@ def _agreement(
         return Agreement(region, name, len(a), missing, area / 100.0, *[float("nan")] * 10)
     share = weights / area
     mean = float(share @ difference)
+    # Of percentiles on the whole map it is 0, but for rounding.
+    mean = 0.0 if abs(mean) <= SAME * np.abs(difference).max() else mean
     dice = percent_a = percent_b = float("nan")
     if beyond is not None:
         in_a, in_b = beyond[0][both], beyond[1][both]

@@ -35,12 +35,13 @@ class MapData:
 
         Parameters
         ----------
-        template : for map files only: by default the built-in one that the file names.
+        template : for map files only: by default the built-in one that the file names. If given, it has to have the
+            name that the file says, where it says one.
 
         Raises
         ------
         SurfaceError : a surface that is no map, or a map file without the positions on the atrium.
-        TemplateError : the template of a map file is not known.
+        TemplateError : the template of a map file is not known, or another one.
         """
         if isinstance(flat_map, MapData):
             return flat_map
@@ -61,7 +62,7 @@ class MapData:
         return cls(
             replace(flat_map, points=np.asarray(position, np.float64), space=_text(space)),
             flat_map.points[:, :2],
-            template if isinstance(template, Template) else _template(flat_map, template),
+            _template(flat_map, template),
         )
 
     @property
@@ -93,11 +94,17 @@ def _text(value: object) -> str:
     return str(np.asarray(value, dtype=object).reshape(-1)[0])
 
 
-def _template(surface: Surface, name_or_path: str | Path | None) -> Template:
+def _template(surface: Surface, given: Template | str | Path | None) -> Template:
     """The template given, or the one that a map file names."""
-    if name_or_path is not None:
-        return Template.load(name_or_path)
     name = _text(surface.field_data["template"]) if "template" in surface.field_data else ""
+    if given is not None:
+        template = given if isinstance(given, Template) else Template.load(given)
+        if name and template.name != name:
+            raise TemplateError(
+                f'The map was made on the template "{name}", and {template.name} was given: its places would be taken '
+                f"for others. Give {name}, or flatten again on {template.name}."
+            )
+        return template
     if name not in builtin_templates():
         raise TemplateError(
             f'The map was made on the template "{name}", which is not a built-in one: give its file as the template.'

@@ -12,8 +12,8 @@ from ..comparison import Comparison, compare_maps
 from ..fibrosis import DIRECTIONS
 from ..files import atomic_write, check_writable, read_surface
 from ..map_data import MapData
-from ..page import check_figure_path
-from .command import Subcommands, add_command
+from ..page import check_figure_path, digits
+from .command import Subcommands, add_command, distinct_names
 from .progress import Progress
 
 FILES = ("comparison.json", "comparison.csv", "comparison.png", "difference.png")
@@ -72,7 +72,7 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
     )
     for path in paths:
         check_writable(path, make_folder=True)
-    names = (Path(options.a).name, Path(options.b).name)
+    names = distinct_names(options.a, options.b)
     with ExitStack() as files:
         json_file, csv_file, both, difference = (files.enter_context(atomic_write(path)) for path in paths)
         progress(0.4, "Drawing")
@@ -93,6 +93,7 @@ def _report(found: Comparison) -> None:
     for part in found.parts:
         dice = f", Dice {part.dice:.3f}" if part.dice == part.dice else ""
         print(
-            f"{part.name}: {part.area_cm2:.1f} cm2, Pearson {part.pearson:.3f}, Spearman {part.spearman:.3f}, "
+            f"{part.name}: {part.area_cm2:.1f} cm2, Pearson {digits(part.pearson, 3)}, "
+            f"Spearman {digits(part.spearman, 3)}, "
             f"B - A {part.difference:.4g} (SD {part.difference_sd:.4g}, {found.scale}){dice}"
         )
