@@ -210,15 +210,7 @@ class Fibrosis:
 
     def class_label(self, index: int) -> str:
         """A class with its limits, as in "border zone (120 to 132)"."""
-        limits, unit = [f"{limit:.4g}" for limit in self.thresholds], f" {self.unit}" if self.unit else ""
-        above = self.rule.direction == "above"
-        if index == 0:
-            text = f"{'<' if above else '≥'} {limits[0]}{unit}"
-        elif index == len(limits):
-            text = f"{'≥' if above else '<'} {limits[-1]}{unit}"
-        else:
-            text = " to ".join(limits[index - 1 : index + 1] if above else limits[index - 1 : index + 1][::-1]) + unit
-        return f"{self.class_names[index]} ({text})"
+        return f"{self.class_names[index]} ({limits_text(self.thresholds, self.rule.direction, self.unit, index)})"
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON; numbers that do not exist are None (see Docs/formats.md)."""
@@ -364,6 +356,17 @@ def measure_fibrosis(
     return Fibrosis(array, unit, rule, thresholds, names, blood_pool, tuple(parts), tuple(notes))
 
 
+def limits_text(thresholds: Sequence[float], direction: str, unit: str, index: int) -> str:
+    """The limits of a class in words, normal first, as in "120 to 132"."""
+    limits, unit = [f"{limit:.4g}" for limit in thresholds], f" {unit}" if unit else ""
+    above = direction == "above"
+    if index == 0:
+        return f"{'<' if above else '≥'} {limits[0]}{unit}"
+    if index == len(limits):
+        return f"{'≥' if above else '<'} {limits[-1]}{unit}"
+    return " to ".join(limits[index - 1 : index + 1] if above else limits[index - 1 : index + 1][::-1]) + unit
+
+
 def on_atrium(atrium: FlatMap | MapData | Surface) -> tuple[Surface, MapData | None]:
     """The atrium in 3D with its arrays and, where they are known, regions; and its map, None for an atrium without.
 
@@ -412,6 +415,7 @@ __all__ = [
     "Fibrosis",
     "Part",
     "Rule",
+    "limits_text",
     "measure_fibrosis",
     "on_atrium",
 ]

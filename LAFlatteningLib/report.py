@@ -2,7 +2,7 @@
 
 A `Section` holds words, tables and pictures; `write_report` makes one page of several. Pictures are within the file,
 all text is escaped, and a content security policy keeps the browser from loading anything. What each step of a run
-has to say is put into sections by `LAFlatteningLib.run_report`.
+has to say is put into sections by `LAFlatteningLib.report_sections`.
 """
 
 from __future__ import annotations

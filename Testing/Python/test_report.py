@@ -9,8 +9,13 @@ import numpy as np
 import pytest
 
 from LAFlatteningLib._version import __version__
+from LAFlatteningLib.blood_pool import BloodPool
+from LAFlatteningLib.comparison import compare_maps
 from LAFlatteningLib.errors import InputFileError
+from LAFlatteningLib.fibrosis import Rule, measure_fibrosis
 from LAFlatteningLib.gaps import find_gaps
+from LAFlatteningLib.parcellation import parcels_of
+from LAFlatteningLib.preparation import PrepareSettings, prepare
 from LAFlatteningLib.report import DISCLAIMER, Picture, Section, Table, make_html, write_report
 from LAFlatteningLib.run_report import run_sections, write_run_report
 
@@ -140,26 +145,92 @@ def test_gaps_are_listed_with_their_lengths(run_folder, phantom_map):
     gap = found.at(0.5)["RSPV"].gaps[0]
     assert ["RSPV", f"{round(gap.length_mm, 1):g}", gap.segment, str(round(gap.angle_degrees))] in page.rows
     assert any(row[0] == "threshold of scar" for row in page.rows)
-    assert [section.title for section in run_sections(run_folder)] == ["Map", "Gaps in ablation lines"]
+    assert [section.title for section in run_sections(run_folder)] == ["Findings", "Map", "Gaps in ablation lines"]
     for note in found.notes:
         assert note in page.text
 
 
-def test_other_results_are_shown_as_they_are(run_folder):
-    content = {
-        "rule": "iir",
-        "thresholds": [1.2, 1.32],
-        "regions": {"1": {"area_cm2": 20.5, "fibrosis_percent": 3.0}, "2": {"area_cm2": 31.0, "fibrosis_percent": 1.0}},
-        "list": [{"name": "x", "r": 0.5}],
-        "notes": ["7 points have no value."],
-    }
-    (run_folder / "fibrosis.json").write_text(json.dumps(content))
+def rows_of(page):
+    return {row[0]: row[1:] for row in page.rows}
+
+
+def test_fibrosis_is_shown_by_class_and_part(run_folder, phantom_map):
+    rule, pool = Rule("iir", (1.2, 1.32)), BloodPool(100.0, 8.0, "by hand")
+    found = measure_fibrosis(phantom_map, "LGE", rule, pool, parcels=parcels_of(phantom_map, ["vein_segments"]))
+    (run_folder / "fibrosis.json").write_text(json.dumps(found.to_dict()))
     page = Page(write_run_report(run_folder).read_text(encoding="utf-8"))
-    assert ["", "area (cm2)", "fibrosis (%)"] in page.rows
-    assert ["2", "31", "1"] in page.rows
-    assert ["x", "0.5"] in page.rows
-    assert ["thresholds", "1.2, 1.32"] in page.rows
-    assert "Fibrosis: 7 points have no value." in page.text
+    rows = rows_of(page)
+    assert rows["part"] == ["area (cm2)", "normal (%)", "border zone (%)", "dense fibrosis (%)", "mean"]
+    wall = found.part("region", 2)
+    shares = [f"{round(share, 1):g}" for share in wall.class_percent]
+    assert rows["R2 posterior wall and floor"][1:4] == shares
+    assert "left superior (vein_segments)" in rows
+    whole = found.atrium
+    assert [rows[name] for name in found.class_names] == [
+        [limits, f"{round(area, 1):g}", f"{round(share, 1):g}"]
+        for limits, area, share in zip(
+            ("< 120", "120 to 132", "≥ 132"), whole.class_cm2, whole.class_percent, strict=True
+        )
+    ]
+    assert rows["LGE: dense fibrosis (≥ 132)"] == [
+        f"{whole.class_percent[2]:.1f} % of the wall, {whole.class_cm2[2]:.1f} cm2"
+    ]
+    assert "1.2 and 1.32 times the mean of the blood pool" in page.text
+    assert "Blood pool: mean 100, SD 8 (by hand)" in page.text
+    assert "No step gave a warning" in page.text
+
+
+def test_missing_values_and_low_voltage_are_named(run_folder, phantom_map):
+    voltage = 3.0 - phantom_map.surface.point_data["LGE"] / 60.0
+    voltage[phantom_map.surface.points[:, 2] > 95.0] = np.nan
+    surface = phantom_map.to_surface().with_data({"Bipolar": voltage})
+    found = measure_fibrosis(surface, "Bipolar", Rule("value", (1.0, 0.5), "below"))
+    (run_folder / "fibrosis.json").write_text(json.dumps(found.to_dict()))
+    page = Page(write_run_report(run_folder).read_text(encoding="utf-8"))
+    assert rows_of(page)["part"][-1] == "no value (cm2)"
+    assert rows_of(page)["whole atrium"][-1] == f"{found.atrium.missing_cm2:.1f}"
+    assert "Low Bipolar: " + found.notes[0] in page.text
+    assert rows_of(page)["low"][0] == "0.5 to 1 mV"
+
+
+def test_comparison_is_shown_by_region(run_folder, phantom_map):
+    found = compare_maps(phantom_map, phantom_map, "LGE", "scar", 120.0, 0.5)
+    content = {"a": "before.vtp", "b": "after.vtp", **found.to_dict()}
+    (run_folder / "comparison.json").write_text(json.dumps(content))
+    page = Page(write_run_report(run_folder).read_text(encoding="utf-8"))
+    row = rows_of(page)["R4 anterior wall"]
+    part = next(part for part in found.parts if part.region == 4)
+    assert row[1:3] == [f"{round(part.pearson, 3):g}", f"{round(part.spearman, 3):g}"]
+    assert row[-1] == f"{round(part.dice, 3):g}"
+    assert "A is LGE of before.vtp, B is scar of after.vtp" in page.text
+    assert "A from 120 and B from 0.5" in page.text
+    assert "percentiles" in page.text
+
+
+def test_repairs_and_doubts_of_the_preparation_are_warnings(run_folder, phantom):
+    prepared = prepare(phantom.surface, PrepareSettings(points=0))
+    content = {**prepared.report(), "repairs": ["The atrium may be cut off."], "notes": [], "confidence": "low"}
+    (run_folder / "prepare.json").write_text(json.dumps(content))
+    page = Page(write_run_report(run_folder).read_text(encoding="utf-8"))
+    assert "Preparation of the atrium: The atrium may be cut off." in page.text
+    assert "Preparation of the atrium: It is not certain which opening is which" in page.text
+    assert "No step gave a warning" not in page.text
+    length = prepared.cavity.loop_length(prepared.rims["MV"])
+    assert rows_of(page)["MV"][:2] == ["open", f"{round(length, 1):g}"]
+
+
+def test_findings_come_first_and_results_of_another_kind_are_refused(run_folder, phantom_map):
+    assert [section.title for section in run_sections(run_folder)] == ["Map"]
+    found = find_gaps(phantom_map, "scar", [0.5])
+    (run_folder / "gaps.json").write_text(json.dumps(found.to_dict()))
+    assert [section.title for section in run_sections(run_folder)][:2] == ["Findings", "Map"]
+    rows = rows_of(Page(write_run_report(run_folder).read_text(encoding="utf-8")))
+    assert rows["Scar round RIPV"] == ["complete"]
+    ring = found.at(0.5)["left"]
+    assert f"{ring.gap_length_mm:.1f} mm (RGM {ring.rgm:.2f})" in rows["Scar round the left veins together"][0]
+    (run_folder / "fibrosis.json").write_text('{"rule": "iir"}')
+    with pytest.raises(InputFileError, match="something of them is missing"):
+        run_sections(run_folder)
 
 
 def test_notes_of_the_map_are_warnings(run_folder, phantom_map):
