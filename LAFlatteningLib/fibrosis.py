@@ -22,7 +22,7 @@ from .blood_pool import BloodPool
 from .errors import LAFlatteningError
 from .flattening.flat_map import REGION_ARRAY, FlatMap
 from .map_data import MapData
-from .quantities import diseased_side, unit_of
+from .quantities import diseased_side, readable, unit_of
 from .scalar_arrays import corner_values, share_reaching
 from .surface import IntArray, Surface
 
@@ -345,8 +345,8 @@ def measure_fibrosis(
     first, last = min(thresholds), max(thresholds)
     if low >= last or high < first:
         notes.append(
-            f"All values of {array} ({low:.4g} to {high:.4g}) are on one side of the thresholds "
-            f"({', '.join(f'{limit:.4g}' for limit in thresholds)}). Check that these are meant for this array."
+            f"All values of {array} ({readable(low)} to {readable(high)}) are on one side of the thresholds "
+            f"({', '.join(readable(limit) for limit in thresholds)}). Check that these are meant for this array."
         )
     if rule.direction != diseased_side(array):
         notes.append(
@@ -358,7 +358,7 @@ def measure_fibrosis(
 
 def limits_text(thresholds: Sequence[float], direction: str, unit: str, index: int) -> str:
     """The limits of a class in words, normal first, as in "120 to 132"."""
-    limits, unit = [f"{limit:.4g}" for limit in thresholds], f" {unit}" if unit else ""
+    limits, unit = [readable(limit) for limit in thresholds], f" {unit}" if unit else ""
     above = direction == "above"
     if index == 0:
         return f"{'<' if above else '≥'} {limits[0]}{unit}"

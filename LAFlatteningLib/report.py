@@ -19,6 +19,7 @@ from typing import Any
 from ._version import __version__
 from .errors import InputFileError
 from .files.access import write_text
+from .quantities import readable
 
 DISCLAIMER = "Not a medical device. For research."
 _KINDS = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".svg": "image/svg+xml"}
@@ -170,18 +171,28 @@ def _table(table: Table) -> str:
         and all(_is_number(row[k]) or row[k] is None for row in table.rows)
         for k in range(len(table.columns))
     ]
+    columns = [_column([row[k] for row in table.rows]) for k in range(len(table.columns))]
     marks = [' class="number"' if number else "" for number in numeric]
     head = "".join(
         f'<th scope="col"{mark}>{html.escape(column)}</th>' for column, mark in zip(table.columns, marks, strict=True)
     )
     rows = "".join(
         "<tr>"
-        + "".join(f"<td{mark}>{html.escape(_value(value))}</td>" for value, mark in zip(row, marks, strict=True))
+        + "".join(f"<td{mark}>{html.escape(value)}</td>" for value, mark in zip(row, marks, strict=True))
         + "</tr>\n"
-        for row in table.rows
+        for row in zip(*columns, strict=True)
     )
     caption = f"<caption>{html.escape(table.caption)}</caption>" if table.caption else ""
     return f'<div class="wide"><table>{caption}<thead><tr>{head}</tr></thead><tbody>\n{rows}</tbody></table></div>'
+
+
+def _column(values: Sequence[Any]) -> list[str]:
+    """Values as text; of fractions alone, each with as many decimals as the one that has most, so that they align."""
+    texts = [_value(value) for value in values]
+    if not all(value is None or isinstance(value, float) for value in values) or any("e" in text for text in texts):
+        return texts
+    decimals = max((len(text.partition(".")[2]) for text in texts), default=0)
+    return [text if text == _NONE else f"{float(text):.{decimals}f}" for text in texts]
 
 
 def _picture(picture: Picture) -> str:
@@ -209,8 +220,7 @@ def _value(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        # Four digits, and no exponent for what people read.
-        return f"{value:.4g}" if abs(value) < 1e4 and (abs(value) >= 1e-3 or value == 0.0) else f"{value:.3g}"
+        return readable(value) if abs(value) >= 1e-3 or value == 0.0 else f"{value:.3g}"
     if isinstance(value, (list, tuple)):
         return ", ".join(_value(entry) for entry in value)
     return str(value)

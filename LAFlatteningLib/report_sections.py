@@ -8,6 +8,7 @@ from typing import Any
 from .fibrosis import limits_text
 from .flattening.flat_map import USUAL_DILATATION
 from .gaps.quantification import scar_words
+from .quantities import readable
 from .report import Picture, Section, Table
 
 Content = Mapping[str, Any]
@@ -84,7 +85,7 @@ def fibrosis_section(fibrosis: Content, pictures: list[Picture]) -> Section:
         if pool["centre_mm"] is not None:
             place = ", ".join(f"{x:.0f}" for x in pool["centre_mm"])
             where = f": {pool['voxels']} voxels, {pool['volume_ml']:.1f} ml about ({place}) mm LPS"
-        words.append(f"Blood pool: mean {pool['mean']:.4g}, SD {pool['sd']:.3g} ({pool['how']}{where}).")
+        words.append(f"Blood pool: mean {readable(pool['mean'])}, SD {readable(pool['sd'])} ({pool['how']}{where}).")
     parts = fibrosis["parts"]
     whole = parts[0]
     limits = [limits_text(fibrosis["thresholds"], fibrosis["direction"], unit, k) for k in range(len(names))]
@@ -140,7 +141,7 @@ def gap_section(gaps: Content, pictures: list[Picture]) -> Section:
             )
             for name, ring in areas.items()
         ],
-        f"Gaps at the threshold {shown['threshold']:.4g}",
+        f"Gaps at the threshold {readable(shown['threshold'])}",
     )
     listed = [
         (name, round(gap["length_mm"], 1), gap["segment"], round(gap["angle_degrees"]))
@@ -178,7 +179,7 @@ def comparison_section(comparison: Content, pictures: list[Picture]) -> Section:
     if overlap:
         limits = [
             f"{letter.upper()} {'from' if comparison[f'direction_{letter}'] == 'above' else 'below'} "
-            f"{comparison[f'threshold_{letter}']:.4g}"
+            f"{readable(comparison[f'threshold_{letter}'])}"
             for letter in "ab"
         ]
         words.append(f"Dice is the overlap of {' and '.join(limits)}: 0 none, 1 the same.")

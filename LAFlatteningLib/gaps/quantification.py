@@ -19,7 +19,7 @@ from ..flattening import FlatMap
 from ..map_data import MapData
 from ..parcellation import NO_PART, Parcellation
 from ..progress import ProgressCallback, report
-from ..quantities import diseased_side, unit_of
+from ..quantities import diseased_side, readable, unit_of
 from ..surface import FloatArray, IntArray
 from .level import cut_at_level
 from .ring_search import Ring, best_ring
@@ -287,7 +287,7 @@ def find_gaps(
 
 def scar_words(array: str, direction: str, threshold: float) -> str:
     """What is scar, as in "LGE of 120 or more" or "Bipolar below 0.5 mV"."""
-    number = " ".join(word for word in (f"{threshold:.4g}", unit_of(array)) if word)
+    number = " ".join(word for word in (readable(threshold), unit_of(array)) if word)
     return f"{array} of {number} or more" if direction == "above" else f"{array} below {number}"
 
 

@@ -104,6 +104,12 @@ def test_cells_are_written_for_people():
         ["b", "–", "no"],
         ["c", "–", "–"],
     ]
+    shares = Table(["share (%)", "mixed"], [[68.0, 1], [9.25, 0.5], [None, None]])
+    assert Page(make_html("t", [Section("s", tables=[shares])])).rows[1:] == [
+        ["68.00", "1"],
+        ["9.25", "0.5"],
+        ["–"] * 2,
+    ]
 
 
 def test_report_is_written_whole_or_not_at_all(tmp_path):
@@ -143,7 +149,7 @@ def test_gaps_are_listed_with_their_lengths(run_folder, phantom_map):
     rows = [row for row in page.rows if row[0] == "RIPV"]
     assert rows[0][1] == "complete"
     gap = found.at(0.5)["RSPV"].gaps[0]
-    assert ["RSPV", f"{round(gap.length_mm, 1):g}", gap.segment, str(round(gap.angle_degrees))] in page.rows
+    assert ["RSPV", f"{gap.length_mm:.1f}", gap.segment, str(round(gap.angle_degrees))] in page.rows
     assert any(row[0] == "threshold of scar" for row in page.rows)
     assert [section.title for section in run_sections(run_folder)] == ["Findings", "Map", "Gaps in ablation lines"]
     for note in found.notes:
@@ -162,12 +168,12 @@ def test_fibrosis_is_shown_by_class_and_part(run_folder, phantom_map):
     rows = rows_of(page)
     assert rows["part"] == ["area (cm2)", "normal (%)", "border zone (%)", "dense fibrosis (%)", "mean"]
     wall = found.part("region", 2)
-    shares = [f"{round(share, 1):g}" for share in wall.class_percent]
+    shares = [f"{share:.1f}" for share in wall.class_percent]
     assert rows["R2 posterior wall and floor"][1:4] == shares
     assert "left superior (vein_segments)" in rows
     whole = found.atrium
     assert [rows[name] for name in found.class_names] == [
-        [limits, f"{round(area, 1):g}", f"{round(share, 1):g}"]
+        [limits, f"{area:.1f}", f"{share:.1f}"]
         for limits, area, share in zip(
             ("< 120", "120 to 132", "≥ 132"), whole.class_cm2, whole.class_percent, strict=True
         )
@@ -200,8 +206,8 @@ def test_comparison_is_shown_by_region(run_folder, phantom_map):
     page = Page(write_run_report(run_folder).read_text(encoding="utf-8"))
     row = rows_of(page)["R4 anterior wall"]
     part = next(part for part in found.parts if part.region == 4)
-    assert row[1:3] == [f"{round(part.pearson, 3):g}", f"{round(part.spearman, 3):g}"]
-    assert row[-1] == f"{round(part.dice, 3):g}"
+    assert row[1:3] == [f"{part.pearson:.3f}", f"{part.spearman:.3f}"]
+    assert row[-1] == f"{part.dice:.3f}"
     assert "A is LGE of before.vtp, B is scar of after.vtp" in page.text
     assert "A from 120 and B from 0.5" in page.text
     assert "percentiles" in page.text
@@ -216,7 +222,7 @@ def test_repairs_and_doubts_of_the_preparation_are_warnings(run_folder, phantom)
     assert "Preparation of the atrium: It is not certain which opening is which" in page.text
     assert "No step gave a warning" not in page.text
     length = prepared.cavity.loop_length(prepared.rims["MV"])
-    assert rows_of(page)["MV"][:2] == ["open", f"{round(length, 1):g}"]
+    assert rows_of(page)["MV"][:2] == ["open", f"{length:.1f}"]
 
 
 def test_findings_come_first_and_results_of_another_kind_are_refused(run_folder, phantom_map):
