@@ -305,7 +305,7 @@ def measure_fibrosis(
             f"{unit_of(array)}. Take the rule value, like value=0.5,0.1 for bipolar voltage."
         )
     thresholds = rule.thresholds(blood_pool)
-    names = tuple(class_names) if class_names is not None else _default_names(rule)
+    names = tuple(class_names) if class_names is not None else _default_names(rule, array)
     if len(names) != len(thresholds) + 1:
         raise LAFlatteningError(
             f"Expected {len(thresholds) + 1} names of classes, found {len(names)}: {', '.join(names)}."
@@ -383,9 +383,12 @@ def on_atrium(atrium: FlatMap | MapData | Surface) -> tuple[Surface, MapData | N
     return data.surface, data
 
 
-def _default_names(rule: Rule) -> tuple[str, ...]:
+def _default_names(rule: Rule, array: str) -> tuple[str, ...]:
     count = len(rule.factors)
     numbered = ("normal", *(f"class {number}" for number in range(1, count + 1)))
+    if rule.direction == "above" and unit_of(array):
+        # Late activation, for example, is no fibrosis.
+        return numbered
     return _NAMES.get((rule.direction, count), numbered)
 
 

@@ -111,7 +111,8 @@ def fibrosis_section(fibrosis: Content, pictures: list[Picture]) -> Section:
         for part in parts
     ]
     tables = [classes, Table(columns, rows[:MOST_ROWS], _caption("By part of the atrium", rows, "fibrosis"))]
-    title = "Fibrosis" if fibrosis["direction"] == "above" else f"Low {fibrosis['array']}"
+    title = "Fibrosis" if not unit else fibrosis["array"]
+    title = title if fibrosis["direction"] == "above" else f"Low {fibrosis['array']}"
     return Section(title, words, tables, pictures, list(fibrosis["notes"]))
 
 

@@ -23,10 +23,12 @@ from ..quantities import diseased_side, readable, unit_of
 from ..surface import FloatArray, IntArray
 from .level import cut_at_level
 from .ring_search import Ring, best_ring
-from .search_areas import SEARCH_MM, Search, SearchArea, describe_search, search_areas
+from .search_areas import SEARCH_MM, Search, SearchArea, by_distance, describe_search, search_areas
 
 BoolArray = NDArray[np.bool_]
 
+ALL_ROUND = "all round"
+"""Where a gap is that has no ends."""
 TOUCH_MM = 0.02
 """Healthy tissue or scar on a path for less than this is a corner that the path touches, not a gap and not scar."""
 
@@ -45,7 +47,7 @@ class FoundGap:
     place_mm, place_on_map : its middle, (3,) on the atrium and (2,) on the map.
     angle_degrees : its direction from the vein (of a pair: from the middle between them) on the map, counter-clockwise
         from +x, 0 to 360.
-    segment : the part of the segment model that its middle is in, or is nearest to.
+    segment : the part of the segment model that its middle is in, or is nearest to; `ALL_ROUND` of a path without scar.
     points_mm, points_on_map : the gap as a line, (k, 3) and (k, 2).
     """
 
@@ -218,7 +220,8 @@ def find_gaps(
     Raises
     ------
     LAFlatteningError : no such array or no number in it; thresholds missing, not finite or out of order.
-    SurfaceError : a search area that does not go round an opening, or that another opening interrupts.
+    SurfaceError : a search area that was drawn does not go round an opening, or another opening interrupts it; or
+        this is so of all areas within the distance. (Where it is so of some, they are left out, which a note says.)
     TemplateError : a parcellation that does not belong on the map's template.
 
     Examples
@@ -252,16 +255,27 @@ def find_gaps(
                 f"The threshold {level:g} is outside the values of {array} ({values[known].min():g} to "
                 f"{values[known].max():g}): {'everything' if everything else 'nothing'} is scar."
             )
-    areas = search_areas(data, search)
+    areas, left_out = search_areas(data, search)
     model = segments if isinstance(segments, Parcellation) else Parcellation.load(segments)
     segment_of = model.labels_at(data.flat, data.template)
     rings: dict[str, tuple[Encirclement, ...]] = {}
     for index, area in enumerate(areas):
-        found = []
+        found: list[Encirclement] = []
         for k, level in enumerate(levels):
             share = (index + k / len(levels)) / len(areas)
             report(progress, share, f"Looking for gaps: {area.name} at {level:g}")
-            found.append(_encircle(data, values, level, direction, area, model, segment_of, minimum_mm))
+            ring = _encircle(data, values, level, direction, area, model, segment_of, minimum_mm)
+            if ring is None:
+                break
+            found.append(ring)
+        if not found:
+            if not by_distance(search):
+                raise SurfaceError(
+                    f"The search area {area.name} does not go all the way round {' and '.join(area.openings)}. Draw it "
+                    "larger, or keep it off the rim of the map and of other openings."
+                )
+            left_out.append(area.name)
+            continue
         rings[area.name] = tuple(found)
         if found[0].unknown_share > 0.0:
             notes.append(f"{100 * found[0].unknown_share:.1f} % of the search area {area.name} has no value.")
@@ -272,6 +286,14 @@ def find_gaps(
                 f"{max(bordering.values()):.1f} mm of its gaps lie on the border of the search "
                 "area; scar beyond it is not seen. Look at the map, and at the veins together."
             )
+    if left_out:
+        words = (
+            f"no closed way round {', '.join(left_out)} was found {describe_search(search)} that keeps clear of other "
+            "openings. Take another search distance."
+        )
+        if not rings:
+            raise SurfaceError(f"Gaps cannot be measured: {words}")
+        notes.append(f"Left out: {words}")
     return GapReport(
         array,
         data.surface.space,
@@ -303,7 +325,8 @@ def _encircle(
     model: Parcellation,
     segment_of: IntArray,
     minimum_mm: float,
-) -> Encirclement:
+) -> Encirclement | None:
+    """The best path; None where the area does not go all the way round."""
     triangles = data.triangles[area.triangles]
     ids, corners = np.unique(triangles, return_inverse=True)
     local = corners.reshape(-1, 3)
@@ -312,10 +335,7 @@ def _encircle(
     mesh = cut_at_level(data.surface.points[ids], data.flat[ids], local, signed[ids], cut)
     ring = best_ring(mesh, area.centre)
     if ring is None:
-        raise SurfaceError(
-            f"The search area {area.name} does not go all the way round {' and '.join(area.openings)}. Draw it larger, "
-            "or keep it off the rim of the map and of other openings."
-        )
+        return None
     ring = _without_touches(ring)
     lengths = ring.lengths
     gaps = [_describe(data, piece, area, model, segment_of) for piece in _gap_pieces(ring)]
@@ -388,6 +408,7 @@ def _describe(
     data: MapData, piece: tuple[FloatArray, FloatArray], area: SearchArea, model: Parcellation, segment_of: IntArray
 ) -> FoundGap:
     points, flat = piece
+    whole = bool((points[0] == points[-1]).all())
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     middle = 0.5 * along[-1]
     place = np.array([np.interp(middle, along, points[:, k]) for k in range(3)])
@@ -401,7 +422,7 @@ def _describe(
         place,
         on_map,
         float(area.centre.angles(on_map[None])[0]),
-        model.names.get(label, ""),
+        ALL_ROUND if whole else model.names.get(label, ""),
         points,
         flat,
     )

@@ -223,6 +223,10 @@ def test_low_voltages_are_diseased_without_being_told(phantom, phantom_map, tmp_
     found = json.loads((tmp_path / "f.json").read_text())
     assert "other side" in found["notes"][0]
     assert found["parts"][0]["beyond_percent"] == pytest.approx(100.0 - share, abs=1e-6)
+    late = measure_fibrosis(
+        phantom.surface.with_data({"LAT": phantom.surface.points[:, 0]}), "LAT", Rule("value", (9.0,))
+    )
+    assert late.class_names == ("normal", "class 1")
     with pytest.raises(LAFlatteningError, match="Bipolar is in mV"):
         measure_fibrosis(surface, "Bipolar", Rule("iir", (1.2,)), BloodPool(100.0, 8.0, "test"))
 

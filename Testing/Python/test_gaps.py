@@ -392,6 +392,24 @@ def test_published_search_areas_can_be_chosen(phantom_map):
     assert report.at(0.5)["RIPV"].complete
 
 
+def test_pairs_that_lie_too_far_apart_are_left_out_and_noted(phantom_map, monkeypatch):
+    found = find_gaps(phantom_map, "LGE", [110.0, 120.0], search=6.0)
+    whole = find_gaps(phantom_map, "LGE", [110.0, 120.0])
+    assert set(whole.rings) == {"RSPV", "RIPV", "LIPV", "LSPV", "left", "right"}
+    left_out = set(whole.rings) - set(found.rings)
+    assert left_out and left_out <= {"left", "right"}
+    assert found.notes[-1].startswith(f"Left out: no closed way round {', '.join(sorted(left_out))} was found within 6")
+    monkeypatch.setattr("LAFlatteningLib.gaps.search_areas.INSIDE", 1.1)
+    with pytest.raises(SurfaceError, match=r"Gaps cannot be measured.*within 15 mm.*another search distance"):
+        find_gaps(phantom_map, "LGE", [120.0])
+
+
+def test_a_path_without_scar_is_healthy_all_round(phantom_map):
+    ring = find_gaps(phantom_map, "LGE", [500.0]).at(500.0)["RSPV"]
+    assert [gap.segment for gap in ring.gaps] == ["all round"]
+    assert "all round" not in {gap.segment for gap in find_gaps(phantom_map, "LGE", [120.0]).at(120.0)["RSPV"].gaps}
+
+
 def test_scar_of_voltages_is_where_they_are_low(phantom_map):
     data = MapData.of(phantom_map)
     voltage = 3.0 - data.surface.point_data["LGE"] / 60.0
