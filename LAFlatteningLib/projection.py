@@ -12,13 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import topology
+from .cavity.covers import HOLE_ARRAY
 from .cavity.openings import guess_unit
 from .errors import InputFileError, LAFlatteningError, SurfaceError
+from .flattening.flat_map import POINT_ID_ARRAY, POSITION_ARRAY, REGION_ARRAY
 from .surface import FloatArray, Surface
 from .volume import Volume
 
 LGE_ARRAY = "LGE"
 """Point array with the projected intensity."""
+TAKEN = (HOLE_ARRAY, REGION_ARRAY, POSITION_ARRAY, POINT_ID_ARRAY)
+"""Names of arrays that mean something else."""
 DEPTH_MM = 3.0
 FARTHEST_MM = 50.0
 """Farther from the wall there is no wall: so far is across the chamber."""
@@ -56,7 +60,17 @@ class Projection:
 
     def on(self, surface: Surface, name: str = LGE_ARRAY) -> Surface:
         """The surface with the values as a point array, and how they were made in its field data
-        (NAME_interval_mm, NAME_step_mm, NAME_statistic)."""
+        (NAME_interval_mm, NAME_step_mm, NAME_statistic).
+
+        Raises
+        ------
+        LAFlatteningError : no name, or one that says something else on an atrium or a map (`TAKEN`).
+        """
+        if not name.strip() or name in TAKEN:
+            raise LAFlatteningError(
+                f"Expected a name for the array of intensities, like {LGE_ARRAY}, other than {', '.join(TAKEN)}; found "
+                f'"{name}".'
+            )
         return surface.with_data(
             {name: self.values},
             field_data={

@@ -263,6 +263,9 @@ def test_an_image_that_shows_nothing_is_refused(phantom, image):
         project(phantom.surface, blank)
 
 
-def test_a_map_is_refused(phantom_map, image):
+def test_names_that_are_taken_and_maps_are_refused(phantom, phantom_map, image):
+    for name in ("", " ", "region", "hole"):
+        with pytest.raises(LAFlatteningError, match=r"other than hole, region.*found \""):
+            project(phantom.surface, image).on(phantom.surface, name)
     with pytest.raises(SurfaceError, match="looks like a map"):
         project(phantom_map.to_surface(), image)
