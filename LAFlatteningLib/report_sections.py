@@ -38,7 +38,8 @@ def summary_section(fibrosis: Content | None, gaps: Content | None, comparison: 
         pearson = comparison["parts"][0]["pearson"]
         words = "none (one of them is the same everywhere)" if pearson is None else f"Pearson r = {pearson:.2f}"
         rows.append((f"Correlation of {comparison['array_a']} with the second map", words))
-    return Section("Findings", (), [Table(("", "found"), rows)]) if rows else None
+    words = ["Scar round veins, complete or not, says something only after an ablation."] if gaps is not None else []
+    return Section("Findings", words, [Table(("", "found"), rows)]) if rows else None
 
 
 def map_section(metrics: Content, pictures: list[Picture]) -> Section:
