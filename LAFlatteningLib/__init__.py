@@ -27,6 +27,7 @@ from .map_data import MapData
 from .parcellation import Parcellation
 from .phantom import Phantom, make_phantom
 from .projection import project
+from .several_maps import compare_several
 from .surface import Surface
 from .template import Template, builtin_templates
 from .volume import Volume
@@ -53,6 +54,7 @@ __all__ = [
     "__version__",
     "builtin_templates",
     "compare_maps",
+    "compare_several",
     "find_gaps",
     "flatten",
     "make_phantom",

@@ -5,35 +5,37 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ._version import __version__
 from .comparison import Comparison
 from .fibrosis import Fibrosis, on_atrium
 from .figures import BORDER_COLOUR, INSIDE, RIM_COLOUR, VIEW_DOTS_PER_INCH
 from .flattening.flat_map import REGION_ARRAY, FlatMap
 from .map_data import MapData
 from .page import (
-    DOTS_PER_INCH,
     FAINT,
     HEADING_SIZE,
     INK,
     PAGE_INCHES,
     SMALL_SIZE,
     TEXT_SIZE,
-    TITLE_SIZE,
     add_axes,
     digits,
     draw_line,
+    new_page,
     rasterise_map,
     require_matplotlib,
     save_page,
     show_raster,
     write_heading,
+    write_row,
     write_text,
 )
+from .parcel_figures import draw_outlines, list_parts
+from .parcellation import Parcellation
 from .quantities import readable
 from .scalar_arrays import scalar_array
 from .shading import NO_VALUE, OPPOSITE, FloatArray, Paint, label_of, rasterise, shade, standard_view
@@ -48,32 +50,37 @@ NORMAL_COLOUR = "#c6dbef"
 CLASS_COLOURS = {1: ("#c51b1b",), 2: ("#f2a93b", "#a50f15")}
 """Colours of the classes beyond normal, by their number; told apart with any colour blindness, and in print."""
 ONLY_A, ONLY_B, BOTH, NEITHER = "#4477AA", "#EE8866", "#3b1f4a", "#e4e4e4"
-DISCLAIMER = "Not a medical device. For research."
 BESIDE_A_MAP = ((0.2, 4.3, 3.7, 3.1), (0.2, 0.75, 3.7, 3.1))
 WITHOUT_A_MAP = ((0.2, 2.2, 4.6, 4.8), (4.9, 2.2, 4.6, 4.8))
 """Where the two views of the atrium are: left, bottom, width, height in inches."""
-LONGEST_LINE = 170
-"""Letters of small text that fit across the page."""
 MOST_CLASSES = 6
 """More columns do not fit: then the table shows what is beyond the first threshold, and the file has the rest."""
 MOST_PARTS = 12
 """More lines of a table do not fit on the page."""
 
 
-def draw_fibrosis(atrium: FlatMap | MapData | Surface, found: Fibrosis, path: Path | str) -> None:
+def draw_fibrosis(
+    atrium: FlatMap | MapData | Surface,
+    found: Fibrosis,
+    path: Path | str,
+    *,
+    parcellations: Sequence[Parcellation] = (),
+) -> None:
     """Write one page: classes on the atrium from behind and from the front, on its map, and areas by region.
 
     Parameters
     ----------
     atrium : what `measure_fibrosis` was given; of an atrium without a map, the map is left out.
     path : .png, .pdf or .svg.
+    parcellations : sub-regions to outline on the map, as they were measured; each has its line.
 
     Raises
     ------
+    TemplateError : a parcellation does not belong on the template of the map.
     MissingPackageError : matplotlib is not installed.
     InputFileError : another file type, or the file cannot be written.
     """
-    save_page(path, lambda: make_fibrosis_figure(atrium, found))
+    save_page(path, lambda: make_fibrosis_figure(atrium, found, parcellations=parcellations))
 
 
 def draw_comparison(found: Comparison, path: Path | str, *, names: tuple[str, str] = ("A", "B")) -> None:
@@ -91,20 +98,26 @@ def draw_difference(found: Comparison, path: Path | str, *, names: tuple[str, st
     save_page(path, lambda: make_difference_figure(found, names=names))
 
 
-def make_fibrosis_figure(atrium: FlatMap | MapData | Surface, found: Fibrosis) -> Figure:
+def make_fibrosis_figure(
+    atrium: FlatMap | MapData | Surface, found: Fibrosis, *, parcellations: Sequence[Parcellation] = ()
+) -> Figure:
     """The page of `draw_fibrosis` as a matplotlib Figure, with axes "posterior", "anterior" (mm), "map" (map units)."""
     require_matplotlib()
     surface, data = on_atrium(atrium)
     paint = class_paint(surface, found)
-    figure = _page(f"{found.array}: {found.atrium.beyond_percent:.1f} % of the atrium {_beyond(found)}", _facts(found))
+    figure = new_page(
+        f"{found.array}: {found.atrium.beyond_percent:.1f} % of the atrium {_beyond(found)}", _facts(found)
+    )
     _views(figure, surface, paint, BESIDE_A_MAP if data is not None else WITHOUT_A_MAP)
     if data is not None:
         axes = add_axes(figure, "map", (4.35, 1.75, 5.2, 5.2))
-        _draw_map(axes, data, paint)
+        _draw_map(axes, data, paint, bool(parcellations))
+        draw_outlines(axes, data.template, parcellations)
         outer = data.template.anatomy.openings[data.template.anatomy.outer]
         write_heading(axes, f"Map, seen from outside (outer rim: {outer})", 0.2)
     _class_legend(figure, paint, found)
     _class_table(figure, found)
+    list_parts(figure, found, 9.7, 5.35)
     return figure
 
 
@@ -127,7 +140,7 @@ def make_comparison_figure(found: Comparison, *, names: tuple[str, str] = ("A", 
     whole = found.whole
     title = f"{names[0]} and {names[1]}: Pearson r = {digits(whole.pearson, 2)}, Spearman rho = "
     title += digits(whole.spearman, 2)
-    figure = _page(title, _comparison_facts(found))
+    figure = new_page(title, _comparison_facts(found))
     cmap, norm = colormaps["plasma"], Normalize(low, high)
     for letter, name, array, values, left in (
         ("A", names[0], found.array_a, a, 0.3), ("B", names[1], found.array_b, b, 5.3),
@@ -139,7 +152,7 @@ def make_comparison_figure(found: Comparison, *, names: tuple[str, str] = ("A", 
     shown = figure.colorbar(ScalarMappable(norm, cmap), cax=bar, extend="neither" if low == 0.0 else "both")
     shown.set_label(label, size=TEXT_SIZE, color=INK, parse_math=False)
     bar.tick_params(labelsize=SMALL_SIZE, colors=INK)
-    _missing_legend(bar, bool(np.isnan(found.scaled).any()))
+    add_missing_legend(bar, bool(np.isnan(found.scaled).any()))
     _agreement_table(figure, found)
     return figure
 
@@ -156,7 +169,7 @@ def make_difference_figure(found: Comparison, *, names: tuple[str, str] = ("A", 
     difference = found.picture(found.difference)
     reach = float(np.percentile(np.abs(found.difference[np.isfinite(found.difference)]), 99)) or 1.0
     unit = "percentiles" if found.scale == "ranks" else label_of(found.array_a)
-    figure = _page(f"{names[1]} minus {names[0]}", _comparison_facts(found))
+    figure = new_page(f"{names[1]} minus {names[0]}", _comparison_facts(found))
     axes = add_axes(figure, "difference", (0.3, 2.75, 4.7, 4.7))
     cmap, norm = colormaps["RdBu_r"], Normalize(-reach, reach)
     _draw_grid(axes, found, cmap(norm(difference)), difference)
@@ -165,7 +178,7 @@ def make_difference_figure(found: Comparison, *, names: tuple[str, str] = ("A", 
     shown = figure.colorbar(ScalarMappable(norm, cmap), cax=bar, extend="both")
     shown.set_label(f"difference, {unit}", size=TEXT_SIZE, color=INK, parse_math=False)
     bar.tick_params(labelsize=SMALL_SIZE, colors=INK)
-    _missing_legend(bar, bool(np.isnan(found.difference).any()))
+    add_missing_legend(bar, bool(np.isnan(found.difference).any()))
     if found.threshold_a is not None and found.threshold_b is not None:
         known = np.isfinite(found.values_a) & np.isfinite(found.values_b)
         kinds = found.beyond_a + 2 * found.beyond_b
@@ -220,17 +233,6 @@ def class_colours(found: Fibrosis) -> list[str]:
 # ---- parts of a page -------------------------------------------------------------------------------------------------
 
 
-def _page(title: str, facts: list[str]) -> Figure:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=PAGE_INCHES, dpi=DOTS_PER_INCH, facecolor="white")
-    centred: dict[str, Any] = {"ha": "center", "va": "center", "parse_math": False}
-    figure.text(0.5, 1.0 - 0.32 / PAGE_INCHES[1], title, size=TITLE_SIZE, color=INK, **centred)
-    text = textwrap.fill("  ·  ".join([*facts, DISCLAIMER, f"LAFlattening {__version__}"]), LONGEST_LINE)
-    figure.text(0.5, 0.2 / PAGE_INCHES[1], text, size=SMALL_SIZE, color=FAINT, **centred)
-    return figure
-
-
 def _beyond(found: Fibrosis) -> str:
     """The first threshold in words."""
     unit = f" {found.unit}" if found.unit else ""
@@ -241,6 +243,8 @@ def _beyond(found: Fibrosis) -> str:
 
 def _facts(found: Fibrosis) -> list[str]:
     facts = [f"rule {found.rule}", "areas measured on the atrium in 3D"]
+    if found.sampled_mm is not None:
+        facts[-1] += f", image sampled every {found.sampled_mm:.1f} mm"
     whole = found.atrium
     if whole.missing_cm2 > 0.0:
         share = 100.0 * whole.missing_cm2 / (whole.missing_cm2 + whole.area_cm2)
@@ -292,12 +296,13 @@ def _views(figure: Figure, surface: Surface, paint: Paint, places: Sequence[tupl
         write_text(axes, (x + 10.0, y + 0.11 * mm_per_inch), "20 mm", SMALL_SIZE)
 
 
-def _draw_map(axes: Axes, data: MapData, paint: Paint) -> None:
+def _draw_map(axes: Axes, data: MapData, paint: Paint, has_parts: bool) -> None:
+    """The map in colours; regions are named unless numbers of parts are in the way."""
     template = data.template
     raster = rasterise_map(data.flat, data.triangles)
     show_raster(axes, raster, paint.rgb(raster))
-    _draw_template(axes, template)
-    if REGION_ARRAY in data.surface.cell_data:
+    draw_template(axes, template)
+    if REGION_ARRAY in data.surface.cell_data and not has_parts:
         regions = np.asarray(data.surface.cell_data[REGION_ARRAY]).astype(np.int64)
         for region, (place, _) in raster.inmost_places(regions, raster.front).items():
             write_text(axes, place, f"R{region}", HEADING_SIZE, weight="bold", halo=True)
@@ -305,13 +310,25 @@ def _draw_map(axes: Axes, data: MapData, paint: Paint) -> None:
 
 def _draw_grid(axes: Axes, found: Comparison, colours: FloatArray, values: FloatArray) -> None:
     """A picture of a comparison, grey where there is no value."""
-    from matplotlib.colors import to_rgb
-
-    template = found.template
-    picture = np.ones((*values.shape, 4))
-    picture[..., :3] = np.where(np.isnan(values)[..., None], to_rgb(NO_VALUE), colours[..., :3])
     covered = np.zeros(values.shape, bool)
     covered[found.row, found.column] = True
+    draw_grid(axes, found.template, colours, values, covered)
+
+
+def draw_grid(
+    axes: Axes,
+    template: Template,
+    colours: FloatArray,
+    values: FloatArray,
+    covered: NDArray[np.bool_],
+    name_size: float = SMALL_SIZE - 1.0,
+) -> None:
+    """Values (rows, columns) over a template in their colours (rows, columns, 3 or 4): grey where they are NaN,
+    transparent where there is no map."""
+    from matplotlib.colors import to_rgb
+
+    picture = np.ones((*values.shape, 4))
+    picture[..., :3] = np.where(np.isnan(values)[..., None], to_rgb(NO_VALUE), colours[..., :3])
     picture[..., 3] = covered
     x, y = template.outer.shape.centre
     radius = template.radius
@@ -319,10 +336,10 @@ def _draw_grid(axes: Axes, found: Comparison, colours: FloatArray, values: Float
         picture, extent=(x - radius, x + radius, y - radius, y + radius), origin="lower", interpolation="hanning",
         aspect="equal",
     )  # fmt: skip
-    _draw_template(axes, template)
+    draw_template(axes, template, name_size)
 
 
-def _draw_template(axes: Axes, template: Template) -> None:
+def draw_template(axes: Axes, template: Template, name_size: float = SMALL_SIZE - 1.0) -> None:
     """Rims, borders of regions and names of openings, and the limits of the axes."""
     for path in template.anatomy.paths:
         draw_line(axes, template.segment(path), BORDER_COLOUR, 0.9)
@@ -330,7 +347,7 @@ def _draw_template(axes: Axes, template: Template) -> None:
         outline = template.rim(opening).shape.outline()
         draw_line(axes, np.concatenate([outline, outline[:1]]), RIM_COLOUR, 1.6)
     for hole, rim in template.holes.items():
-        write_text(axes, rim.shape.centre, hole, SMALL_SIZE - 1.0, weight="bold")
+        write_text(axes, rim.shape.centre, hole, name_size, weight="bold")
     centre, reach = np.array(template.outer.shape.centre), 1.02 * template.radius * np.array([-1.0, 1.0])
     axes.set(xlim=centre[0] + reach, ylim=centre[1] + reach, xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
@@ -360,7 +377,7 @@ def _class_table(figure: Figure, found: Fibrosis) -> None:
     names = found.class_names if all_fit else (found.class_names[0], "beyond the first threshold")
     apart = 3.75 / max(3, len(names))
     columns += [(f"{name} (%)", 7.65 + apart * k) for k, name in enumerate(names)]
-    _row(figure, 1.52, columns, FAINT)
+    write_row(figure, 1.52, columns, FAINT)
     shown = [part for part in found.parts if part.group in ("atrium", REGION_ARRAY)][:8]
     for number, part in enumerate(shown):
         name = part.name if part.group == "atrium" else f"R{part.label} {part.name}"
@@ -368,10 +385,10 @@ def _class_table(figure: Figure, found: Fibrosis) -> None:
         numbers = [digits(share, 1) for share in shares]
         words = [name, f"{part.area_cm2:.1f}", *numbers]
         cells = [(word, at) for word, (_, at) in zip(words, columns, strict=True)]
-        _row(figure, 1.36 - 0.15 * number, cells, INK)
+        write_row(figure, 1.36 - 0.15 * number, cells, INK)
 
 
-def _missing_legend(bar: Axes, missing: bool) -> None:
+def add_missing_legend(bar: Axes, missing: bool) -> None:
     """Below a colour bar, the colour of places without a value, where there are some."""
     from matplotlib.patches import Patch
 
@@ -387,19 +404,11 @@ def _agreement_table(figure: Figure, found: Comparison) -> None:
     unit = " (percentiles)" if found.scale == "ranks" else ""
     columns = [("part", 0.6), ("area (cm2)", 3.3), ("Pearson r", 4.2), ("Spearman rho", 5.1), ("mean A", 6.2)]
     columns += [("mean B", 7.0), (f"B - A{unit}: mean, SD", 7.8), ("left out (%)", 9.6), ("Dice", 10.6)]
-    _row(figure, 2.1, columns, FAINT)
+    write_row(figure, 2.1, columns, FAINT)
     for number, part in enumerate(found.parts[:MOST_PARTS]):
         name = part.name if part.region == 0 else f"R{part.region} {part.name}"
         words = [name, f"{part.area_cm2:.1f}", f"{part.pearson:.3f}", f"{part.spearman:.3f}", readable(part.mean_a)]
         words += [readable(part.mean_b), f"{round(part.difference, 9) + 0.0:.3g}, {part.difference_sd:.3g}"]
         words += [f"{part.missing_percent:.1f}", f"{part.dice:.3f}"]
         cells = [(word.replace("nan", "-"), at) for word, (_, at) in zip(words, columns, strict=True)]
-        _row(figure, 1.9 - 0.18 * number, cells, INK)
-
-
-def _row(figure: Figure, height: float, cells: list[tuple[str, float]], colour: str) -> None:
-    for text, left in cells:
-        figure.text(
-            left / PAGE_INCHES[0], height / PAGE_INCHES[1], text, size=SMALL_SIZE, color=colour, ha="left", va="center",
-            parse_math=False,
-        )  # fmt: skip
+        write_row(figure, 1.9 - 0.18 * number, cells, INK)

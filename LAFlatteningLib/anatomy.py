@@ -281,3 +281,21 @@ LEFT_ATRIUM = Anatomy(
 
 ANATOMIES: dict[str, Anatomy] = {LEFT_ATRIUM.name: LEFT_ATRIUM}
 """Built-in anatomies by name."""
+
+REFERENCES = {LEFT_ATRIUM.name: ("LIPV", "s3")}
+"""Anatomy -> the opening and the path that ratios of sizes refer to, as in the paper: the smallest ostium, the left
+carina."""
+
+COMPARED = {
+    "perimeter": (
+        ("LIPV", "LSPV"),
+        ("LSPV", "RIPV"),
+        ("RIPV", "RSPV"),
+        ("RSPV", "LAA"),
+        ("LIPV", "RIPV"),
+        ("LSPV", "RSPV"),
+    ),
+    "path": (("s3", "s1"), ("s3", "s8"), ("s2", "s4"), ("s1", "s2"), ("s7", "s6"), ("s7", "s5")),
+}
+"""Sizes of which the paper asks whether the second is larger than the first; pairs that an anatomy has not are left
+out."""

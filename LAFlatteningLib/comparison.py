@@ -15,23 +15,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import operators
 from ._version import __version__
-from .errors import LAFlatteningError, TemplateError
+from .errors import LAFlatteningError
 from .fibrosis import DIRECTIONS
 from .flattening.flat_map import FlatMap
 from .map_data import MapData
-from .parcellation import Parcellation, Part
-from .quantities import diseased_side
-from .scalar_arrays import corner_values
-from .shading import Raster, rasterise
+from .map_reading import GRID, MapReading, check_templates, method_notes, places_of, read_map, regions_at
+from .quantities import diseased_side, readable
 from .surface import FloatArray, IntArray, Surface
 from .template import Template
 
 BoolArray = NDArray[np.bool_]
 
-GRID = 512
-"""Places across the map, in each direction."""
 DISK = "whole map"
 """Name of the whole among the parts."""
 FEWEST_PLACES = 10
@@ -94,6 +89,7 @@ class Comparison:
         subtracted (enhancement and voltage): each value is the percentile of its place on its own map, by area, from
         normal to diseased.
     template : of both maps.
+    methods : by which A and B were made; empty where a map file does not say.
     places : (k, 2) map units, where either map has triangles.
     row, column : (k,) of the places in the grid, row 0 at the bottom.
     values_a, values_b : (k,) NaN where there is none.
@@ -111,6 +107,7 @@ class Comparison:
     direction_b: str
     scale: str
     template: Template
+    methods: tuple[str, str]
     places: FloatArray
     row: IntArray
     column: IntArray
@@ -173,6 +170,8 @@ class Comparison:
             "direction_b": self.direction_b,
             "scale": self.scale,
             "template": self.template.name,
+            "method_a": self.methods[0],
+            "method_b": self.methods[1],
             "grid": GRID,
             "parts": [part.to_dict() for part in self.parts],
             "notes": list(self.notes),
@@ -220,35 +219,42 @@ def compare_maps(
     LAFlatteningError : no such array, NaN everywhere, no common places, one threshold only or none that is a number.
     SurfaceError : a map file without the positions on the atrium.
     """
-    one, other = MapData.of(a), MapData.of(b)
-    _check_templates(one.template, other.template)
+    one, other = read_map(a, array_a), read_map(b, array_b)
+    return compare_readings(one, other, threshold_a, threshold_b, direction_a, direction_b, scale)
+
+
+def compare_readings(
+    a: MapReading,
+    b: MapReading,
+    threshold_a: float | None = None,
+    threshold_b: float | None = None,
+    direction_a: str | None = None,
+    direction_b: str | None = None,
+    scale: str = "auto",
+) -> Comparison:
+    """As `compare_maps`, of maps that are read already; so that each of many is read once."""
+    check_templates(a.template, b.template)
     if (threshold_a is None) != (threshold_b is None):
         raise LAFlatteningError("The overlap needs a threshold for each map; found one. Give both, or none.")
     for threshold in (threshold_a, threshold_b):
         if threshold is not None and not np.isfinite(threshold):
             raise LAFlatteningError(f"Expected thresholds that are numbers, found {threshold:g}.")
-    direction_a, direction_b = direction_a or diseased_side(array_a), direction_b or diseased_side(array_b)
+    direction_a, direction_b = direction_a or diseased_side(a.array), direction_b or diseased_side(b.array)
     for direction in (direction_a, direction_b):
         if direction not in DIRECTIONS:
             raise LAFlatteningError(f'Expected the direction "above" or "below", found "{direction}".')
-    if scale not in ("auto", "values", "ranks"):
-        raise LAFlatteningError(f'Expected the scale "auto", "values" or "ranks", found "{scale}".')
-    if scale == "auto":
-        scale = "values" if array_a == array_b else "ranks"
-    corners_a, corners_b = corner_values(one.surface, array_a), corner_values(other.surface, array_b)
-    raster_a, raster_b = _raster(one), _raster(other)
-    covered = raster_a.covered | raster_b.covered
-    row, column = np.nonzero(covered)
-    corner = np.array([raster_a.left, raster_a.bottom])
-    places = corner + (np.stack([column, row], axis=1) + 0.5) * raster_a.pixel
-    values_a, area_a = _read(one, raster_a, corners_a, covered)
-    values_b, area_b = _read(other, raster_b, corners_b, covered)
+    notes = method_notes((a.method, b.method))
+    scale, ranked = _scale(a, b, scale)
+    notes += ranked
+    row, column = np.nonzero(a.covered | b.covered)
+    places = places_of(a.template, row, column)
+    values_a, values_b = a.values[row, column], b.values[row, column]
     with np.errstate(invalid="ignore"):
-        weights = np.nanmean(np.stack([area_a, area_b]), axis=0)
-    regions = _regions(one.template, places)
+        weights = np.nanmean(np.stack([a.areas[row, column], b.areas[row, column]]), axis=0)
+    regions = regions_at(a.template, places)
     if np.count_nonzero(np.isfinite(values_a) & np.isfinite(values_b)) < FEWEST_PLACES:
         raise LAFlatteningError(
-            f'"{array_a}" and "{array_b}" have hardly any value at a common place of the maps. Check where each of '
+            f'"{a.array}" and "{b.array}" have hardly any value at a common place of the maps. Check where each of '
             "them has values."
         )
     scaled_a, scaled_b = _scaled(values_a, values_b, weights, scale, direction_a, direction_b)
@@ -262,24 +268,24 @@ def compare_maps(
 
     whole = part(0, DISK, np.ones(len(places), bool))
     parts = [whole]
-    for number, name in sorted(one.template.anatomy.region_names.items()):
+    for number, name in sorted(a.template.anatomy.region_names.items()):
         parts.append(part(number, name, regions == number))
-    notes = []
     if whole.missing_percent >= 0.05:
         notes.append(
             f"{whole.missing_percent:.1f} % of the map have no value on one of the two maps, or on both, and "
             "were left out."
         )
-    notes += _doubts((f"{array_a} of A", values_a), (f"{array_b} of B", values_b), scale)
+    notes += _doubts((f"{a.array} of A", values_a), (f"{b.array} of B", values_b), scale)
     return Comparison(
-        array_a,
-        array_b,
+        a.array,
+        b.array,
         threshold_a,
         threshold_b,
         direction_a,
         direction_b,
         scale,
-        one.template,
+        a.template,
+        (a.method, b.method),
         places,
         row,
         column,
@@ -323,53 +329,42 @@ def _doubts(a: tuple[str, FloatArray], b: tuple[str, FloatArray], scale: str) ->
     """What speaks against comparing two quantities, each with what it is called."""
     known = [values[np.isfinite(values)] for _, values in (a, b)]
     notes = [
-        f"{name} is {values[0]:.4g} everywhere, so that there is no correlation."
+        f"{name} is {readable(values[0])} everywhere, so that there is no correlation."
         for (name, _), values in zip((a, b), known, strict=True)
         if np.ptp(values) <= SAME * np.abs(values).max()
     ]
     # A few outliers say nothing about the scale.
-    (low_a, high_a), (low_b, high_b) = (np.percentile(values, [1.0, 99.0]) for values in known)
-    if scale == "values" and (high_a < low_b or high_b < low_a):
+    limits = [np.percentile(values, [1.0, 99.0]) for values in known]
+    if scale == "values" and (limits[0][1] < limits[1][0] or limits[1][1] < limits[0][0]):
+        spans = [
+            f"{name} ({readable(low)} to {readable(high)})"
+            for (name, _), (low, high) in zip((a, b), limits, strict=True)
+        ]
         notes.append(
-            f"{a[0]} ({low_a:.4g} to {high_a:.4g}) and {b[0]} ({low_b:.4g} to {high_b:.4g}) have no values in common: "
-            'if they are not on one scale, their difference means nothing. Take the scale "ranks" then.'
+            f"{' and '.join(spans)} have no values in common: if they are not on one scale, their difference means "
+            'nothing. Take the scale "ranks" then.'
         )
     return notes
 
 
-def _check_templates(a: Template, b: Template) -> None:
-    if a.name != b.name:
-        raise TemplateError(
-            f"The maps were made on different templates, {a.name} and {b.name}, so that a place on one is another "
-            "place on the other. Flatten one of them again, on the template of the other."
+def _scale(a: MapReading, b: MapReading, scale: str) -> tuple[str, list[str]]:
+    """The scale of a difference, and what the user should know of it."""
+    if scale not in ("auto", "values", "ranks"):
+        raise LAFlatteningError(f'Expected the scale "auto", "values" or "ranks", found "{scale}".')
+    units = [reading.unit for reading in (a, b)]
+    if scale == "values" and all(units) and units[0] != units[1]:
+        raise LAFlatteningError(
+            f'"{a.array}" ({units[0]}) and "{b.array}" ({units[1]}) have different units, so that they cannot be '
+            "subtracted. Compare them by rank: leave the scale out, or give ranks."
         )
-    if a != b:
-        raise TemplateError(f"The maps were made on different templates that are both called {a.name}. Use one file.")
-
-
-def _raster(data: MapData) -> Raster:
-    shape, radius = data.template.outer.shape, data.template.radius
-    left, bottom = (float(x) - radius for x in shape.centre)
-    return rasterise(data.flat, data.triangles, left, bottom, 2.0 * radius / GRID, (GRID, GRID))
-
-
-def _read(data: MapData, raster: Raster, corners: FloatArray, covered: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Values and area on the atrium (mm2) of the covered places; NaN where this map has none."""
-    on_map = operators.triangle_areas(data.flat, data.triangles)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        density = data.surface.triangle_areas / on_map
-    values, area = np.full(covered.shape, np.nan), np.full(covered.shape, np.nan)
-    triangle = raster.triangle[raster.covered]
-    values[raster.covered] = np.einsum("ij,ij->i", raster.weights, corners[triangle])
-    area[raster.covered] = density[triangle] * raster.pixel**2
-    return values[covered], area[covered]
-
-
-def _regions(template: Template, places: FloatArray) -> IntArray:
-    parts = (
-        Part(number, f"R{number}", "", {"type": "region", "number": number}) for number in template.anatomy.regions
-    )
-    return Parcellation("regions", template.anatomy, tuple(parts)).labels_at(places, template)
+    if scale == "ranks" or (scale == "auto" and a.array != b.array):
+        if a.array == b.array:
+            return "ranks", []
+        return "ranks", [
+            f'"{a.array}" and "{b.array}" are taken for different quantities: the difference is that of their ranks, '
+            "not of their values."
+        ]
+    return "values", []
 
 
 def _beyond(values: FloatArray, threshold: float | None, direction: str) -> BoolArray:

@@ -1,16 +1,11 @@
-"""How much of the wall is fibrotic, or of low voltage: classes by thresholds, measured on the atrium in 3D.
-
-Rules in use: image intensity ratio to the mean of the blood pool (Khurram et al. 2014; 1.2 and 1.32 are common), mean
-plus k standard deviations of the blood pool (2 and 3 are common), absolute values. For voltage, classes lie below the
-thresholds.
-"""
+"""How much of the wall is fibrotic, or of low voltage: classes by thresholds, measured on the atrium in 3D."""
 
 from __future__ import annotations
 
 import csv
 import io
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,16 +15,17 @@ from ._version import __version__
 from .anatomy import LEFT_ATRIUM, Anatomy
 from .blood_pool import BloodPool
 from .errors import LAFlatteningError
+from .fine_projection import project_finely
 from .flattening.flat_map import REGION_ARRAY, FlatMap
 from .map_data import MapData
-from .quantities import diseased_side, readable, unit_of
+from .quantities import diseased_side, is_voltage, readable, unit_of
+from .rules import DIRECTIONS, RULES, Rule
 from .scalar_arrays import corner_values, share_reaching
 from .surface import IntArray, Surface
+from .volume import Volume
 
 BoolArray = NDArray[np.bool_]
 
-RULES = ("iir", "sd", "value")
-DIRECTIONS = ("above", "below")
 ATRIUM = "atrium"
 """Name of the whole among the parts."""
 _NAMES = {
@@ -38,103 +34,8 @@ _NAMES = {
     ("below", 1): ("normal", "low"),
     ("below", 2): ("normal", "low", "very low"),
 }
-
-
-@dataclass(frozen=True)
-class Rule:
-    """How thresholds are found.
-
-    Attributes
-    ----------
-    kind : "iir" (factors times the mean of the blood pool), "sd" (mean of the blood pool plus factors times its
-        standard deviation) or "value" (the factors themselves).
-    factors : from normal to diseased: rising, or falling where classes lie below the thresholds.
-    direction : "above": a class begins where a value reaches its threshold. "below": where it is less.
-
-    Raises
-    ------
-    LAFlatteningError : unknown kind or direction, no factor, factors out of order.
-
-    Examples
-    --------
-    >>> Rule.parse("iir=1.2,1.32").thresholds(BloodPool(100.0, 8.0, "example"))
-    (120.0, 132.0)
-    >>> Rule.parse("value=0.5,0.1", "below").thresholds(None)
-    (0.5, 0.1)
-    """
-
-    kind: str
-    factors: tuple[float, ...]
-    direction: str = "above"
-
-    def __post_init__(self) -> None:
-        if self.kind not in RULES:
-            raise LAFlatteningError(f'Expected a rule iir=..., sd=... or value=..., found "{self.kind}".')
-        if self.direction not in DIRECTIONS:
-            raise LAFlatteningError(f'Expected classes "above" or "below" thresholds, found "{self.direction}".')
-        if not self.factors or not np.isfinite(self.factors).all():
-            raise LAFlatteningError(
-                f"Expected numbers as thresholds of the rule {self.kind}, found {list(self.factors) or 'none'}."
-            )
-        sign = 1.0 if self.direction == "above" else -1.0
-        if any(sign * b <= sign * a for a, b in zip(self.factors, self.factors[1:], strict=False)):
-            order = "rising" if self.direction == "above" else "falling"
-            falls = self.direction == "above" and list(self.factors) == sorted(set(self.factors), reverse=True)
-            right = ",".join(f"{x:g}" for x in sorted(set(self.factors), reverse=self.direction == "below"))
-            raise LAFlatteningError(
-                f"The thresholds are out of order: expected them from normal to diseased, {order}, each once; found "
-                f"{','.join(f'{x:g}' for x in self.factors)}. Write {self.kind}={right}"
-                + (', or choose the direction "below" if low values are diseased.' if falls else ".")
-            )
-
-    @classmethod
-    def parse(cls, text: str, direction: str = "above") -> Rule:
-        """Read a rule like ``iir=1.2,1.32``."""
-        kind, _, numbers = text.partition("=")
-        try:
-            factors = tuple(float(number) for number in numbers.split(","))
-        except ValueError:
-            raise LAFlatteningError(
-                f'Expected a rule like iir=1.2,1.32 or sd=2,3 or value=120, found "{text}".'
-            ) from None
-        return cls(kind.strip(), factors, direction)
-
-    @property
-    def needs_blood_pool(self) -> bool:
-        """Whether thresholds depend on the blood pool."""
-        return self.kind != "value"
-
-    def thresholds(self, blood_pool: BloodPool | None) -> tuple[float, ...]:
-        """The thresholds in the units of the array.
-
-        Raises
-        ------
-        LAFlatteningError : no blood pool where one is needed, or one with which the rule means nothing.
-        """
-        if not self.needs_blood_pool:
-            return self.factors
-        if blood_pool is None:
-            raise LAFlatteningError(
-                f"The rule {self.kind} compares with the blood pool, which is not known. Give the image, a region "
-                "of it, or mean and standard deviation of the blood."
-            )
-        if self.kind == "sd":
-            if blood_pool.sd == 0.0:
-                raise LAFlatteningError(
-                    "The blood pool has the standard deviation 0, so that mean + k SD is no threshold. Take the rule "
-                    "iir or value, or another region of blood."
-                )
-            return tuple(blood_pool.mean + factor * blood_pool.sd for factor in self.factors)
-        if blood_pool.shifted or blood_pool.mean <= 0.0:
-            raise LAFlatteningError(
-                f"The intensities of the image were shifted (mean of the blood pool {blood_pool.mean:.3g}; z-scores, "
-                "for example, lie below zero in part), so that a ratio to the blood pool means nothing. Take the rule "
-                "sd, or the original image."
-            )
-        return tuple(factor * blood_pool.mean for factor in self.factors)
-
-    def __str__(self) -> str:
-        return f"{self.kind}={','.join(f'{factor:g}' for factor in self.factors)}"
+_VOLTAGE_NAMES = {1: ("normal", "low"), 2: ("normal", "low", "scar")}
+"""Of classes of bipolar voltage: below .5 mV is low, below .1 mV is scar, by common thresholds."""
 
 
 @dataclass(frozen=True)
@@ -183,6 +84,7 @@ class Fibrosis:
     rule, thresholds : thresholds are in the units of the array.
     class_names : from normal on, one more than thresholds.
     blood_pool : with which the wall was compared, or None.
+    sampled_mm : how far apart the image was sampled along the wall; None where values at the points were taken.
     parts : the whole atrium, then regions, then parts of parcellations.
     notes : what the user should know.
     """
@@ -193,6 +95,7 @@ class Fibrosis:
     thresholds: tuple[float, ...]
     class_names: tuple[str, ...]
     blood_pool: BloodPool | None
+    sampled_mm: float | None
     parts: tuple[Part, ...]
     notes: tuple[str, ...]
 
@@ -223,6 +126,7 @@ class Fibrosis:
             "thresholds": list(self.thresholds),
             "classes": list(self.class_names),
             "blood_pool": self.blood_pool.to_dict() if self.blood_pool else None,
+            "sampled_mm": self.sampled_mm,
             "parts": [
                 {
                     "group": part.group,
@@ -266,11 +170,14 @@ def measure_fibrosis(
     class_names: Sequence[str] | None = None,
     unit: str | None = None,
     anatomy: Anatomy | None = None,
+    volume: Volume | None = None,
 ) -> Fibrosis:
     """Areas of the classes of an array, on the atrium in 3D.
 
     In each triangle the array is linear between its corners, and the area beyond a threshold is exact: nothing depends
-    on which points happen to exceed it. Triangles with a corner without value are left out and counted.
+    on which points happen to exceed it. Where the image that an array was projected from is given, it is sampled within
+    the triangles as well (`fine_projection`), so that the result does not depend on the triangulation. Triangles with a
+    corner without value are left out and counted.
 
     Parameters
     ----------
@@ -278,9 +185,10 @@ def measure_fibrosis(
         the regions.
     array : scalar point array, or cell array.
     parcels : name of a group -> label of each triangle (m,), and label -> name. Labels without a name count to nothing.
-    class_names : from normal on, one more than thresholds.
-    unit : of the array, for people; default: by its name (`quantities.unit_of`).
+    class_names : from normal on, one more than thresholds; by default those in use for the quantity.
+    unit : of the array, for people; by default that of a quantity that is known by its name.
     anatomy : names the regions; default: that of the map, or the left atrium.
+    volume : the image that the array was projected from. Another image has no effect.
 
     Raises
     ------
@@ -295,17 +203,21 @@ def measure_fibrosis(
     >>> round(found.atrium.beyond_percent)
     15
     """
-    surface, data = on_atrium(atrium)
-    anatomy = anatomy or (data.template.anatomy if data is not None else LEFT_ATRIUM)
-    corners = corner_values(surface, array)
-    unit = unit_of(array) if unit is None else unit
     if rule.needs_blood_pool and unit_of(array):
         raise LAFlatteningError(
             f"The rule {rule.kind} compares intensities of an image with those of blood, and {array} is in "
             f"{unit_of(array)}. Take the rule value, like value=0.5,0.1 for bipolar voltage."
         )
+    surface, data = on_atrium(atrium)
+    sampled_mm = None
+    fine = project_finely(surface, volume, array) if volume is not None else None
+    if fine is not None:
+        surface, parcels, sampled_mm = fine.surface, fine.parcels(parcels or {}), fine.edge_mm
+    anatomy = anatomy or (data.template.anatomy if data is not None else LEFT_ATRIUM)
+    corners = corner_values(surface, array)
     thresholds = rule.thresholds(blood_pool)
     names = tuple(class_names) if class_names is not None else _default_names(rule, array)
+    unit = unit_of(array) if unit is None else unit
     if len(names) != len(thresholds) + 1:
         raise LAFlatteningError(
             f"Expected {len(thresholds) + 1} names of classes, found {len(names)}: {', '.join(names)}."
@@ -342,8 +254,7 @@ def measure_fibrosis(
             "value and were left out."
         )
     low, high = float(filled[~missing].min()), float(filled[~missing].max())
-    first, last = min(thresholds), max(thresholds)
-    if low >= last or high < first:
+    if low >= max(thresholds) or high < min(thresholds):
         notes.append(
             f"All values of {array} ({readable(low)} to {readable(high)}) are on one side of the thresholds "
             f"({', '.join(readable(limit) for limit in thresholds)}). Check that these are meant for this array."
@@ -353,7 +264,7 @@ def measure_fibrosis(
             f"Values of {array} {rule.direction} the thresholds were counted as diseased; as a rule, those on the "
             "other side are."
         )
-    return Fibrosis(array, unit, rule, thresholds, names, blood_pool, tuple(parts), tuple(notes))
+    return Fibrosis(array, unit, rule, thresholds, names, blood_pool, sampled_mm, tuple(parts), tuple(notes))
 
 
 def limits_text(thresholds: Sequence[float], direction: str, unit: str, index: int) -> str:
@@ -379,12 +290,14 @@ def on_atrium(atrium: FlatMap | MapData | Surface) -> tuple[Surface, MapData | N
     data = MapData.of(atrium)
     if isinstance(atrium, FlatMap):
         surface = data.surface.with_data(cell_data={REGION_ARRAY: atrium.regions})
-        data = MapData(surface, data.flat, data.template)
+        data = replace(data, surface=surface)
     return data.surface, data
 
 
 def _default_names(rule: Rule, array: str) -> tuple[str, ...]:
     count = len(rule.factors)
+    if is_voltage(array) and rule.direction == "below" and count in _VOLTAGE_NAMES:
+        return _VOLTAGE_NAMES[count]
     numbered = ("normal", *(f"class {number}" for number in range(1, count + 1)))
     if rule.direction == "above" and unit_of(array):
         # Late activation, for example, is no fibrosis.
@@ -415,6 +328,8 @@ def _known(value: float) -> float | None:
 
 
 __all__ = [
+    "DIRECTIONS",
+    "RULES",
     "Fibrosis",
     "Part",
     "Rule",

@@ -23,11 +23,13 @@ class MapData:
     surface : the cavity in 3D, mm, with its arrays and the triangles of the map.
     flat : (n, 2) places of its points on the map, map units.
     template : the layout of the map.
+    method : by which the map was made; empty where its file does not say.
     """
 
     surface: Surface
     flat: FloatArray
     template: Template
+    method: str = ""
 
     @classmethod
     def of(cls, flat_map: FlatMap | Surface | MapData, template: Template | str | Path | None = None) -> MapData:
@@ -46,7 +48,7 @@ class MapData:
         if isinstance(flat_map, MapData):
             return flat_map
         if isinstance(flat_map, FlatMap):
-            return cls(flat_map.surface, flat_map.points, flat_map.template)
+            return cls(flat_map.surface, flat_map.points, flat_map.template, flat_map.method)
         if np.ptp(flat_map.points[:, 2]) > 0.0:
             raise SurfaceError(
                 "The surface is not flat. Expected a map as la-flatten flatten writes it (all points at z = 0); "
@@ -63,6 +65,7 @@ class MapData:
             replace(flat_map, points=np.asarray(position, np.float64), space=_text(space)),
             flat_map.points[:, :2],
             _template(flat_map, template),
+            _text(flat_map.field_data.get("method", "")),
         )
 
     @property

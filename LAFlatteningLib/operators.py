@@ -28,8 +28,21 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def area_vectors(points: FloatArray, triangles: IntArray) -> FloatArray:
     """Normal of each triangle, (m, 3), as long as the triangle's area; `points` is (n, 3)."""
-    corner = points[triangles]
-    return 0.5 * _cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    a, b, c = (np.ascontiguousarray(ids) for ids in triangles.T)
+    # An axis at a time, contiguous: half the time of whole rows.
+    first, second = [], []
+    for one in points.T:
+        axis = np.ascontiguousarray(one)
+        start = axis[a]
+        first.append(axis[b] - start)
+        second.append(axis[c] - start)
+    (ux, uy, uz), (vx, vy, vz) = first, second
+    result = np.empty((len(triangles), 3))
+    result[:, 0] = uy * vz - uz * vy
+    result[:, 1] = uz * vx - ux * vz
+    result[:, 2] = ux * vy - uy * vx
+    result *= 0.5
+    return result
 
 
 def signed_areas(points: FloatArray, triangles: IntArray) -> FloatArray:

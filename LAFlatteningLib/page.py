@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import textwrap
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ._version import __version__
 from .errors import InputFileError, LAFlatteningError
 from .files import atomic_write
 from .shading import FloatArray, IntArray, Paint, Raster, rasterise
@@ -23,6 +25,9 @@ DOTS_PER_INCH = 200
 MAP_DOTS = 1200
 TITLE_SIZE, HEADING_SIZE, TEXT_SIZE, SMALL_SIZE = 14.0, 11.0, 9.0, 8.0
 """Font sizes, points on the saved page."""
+LONGEST_LINE = 170
+"""Letters of small text that fit across the page."""
+DISCLAIMER = "Not a medical device. For research."
 
 INK, FAINT = "#1a1a1a", "#5f5f5f"
 
@@ -69,6 +74,19 @@ def save_page(path: Path | str, make: Callable[[], Figure]) -> None:
         figure = make()
         FigureCanvasAgg(figure)
         figure.savefig(temporary, format=path.suffix.lower()[1:], dpi=DOTS_PER_INCH, facecolor="white")
+
+
+def new_page(title: str, facts: Sequence[str] = ()) -> Figure:
+    """A page with its title, and facts, disclaimer and version at the bottom."""
+    require_matplotlib()
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=PAGE_INCHES, dpi=DOTS_PER_INCH, facecolor="white")
+    centred: dict[str, Any] = {"ha": "center", "va": "center", "parse_math": False}
+    figure.text(0.5, 1.0 - 0.32 / PAGE_INCHES[1], title, size=TITLE_SIZE, color=INK, **centred)
+    text = textwrap.fill("  ·  ".join([*facts, DISCLAIMER, f"LAFlattening {__version__}"]), LONGEST_LINE)
+    figure.text(0.5, 0.2 / PAGE_INCHES[1], text, size=SMALL_SIZE, color=FAINT, **centred)
+    return figure
 
 
 def add_axes(figure: Figure, label: str, inches: tuple[float, ...]) -> Axes:
@@ -144,3 +162,12 @@ def write_text(
     written = axes.text(place[0], place[1], text, size=size, color=colour, parse_math=False, zorder=8, **options)
     if halo:
         written.set_path_effects([withStroke(linewidth=2.4, foreground="white", alpha=0.85)])
+
+
+def write_row(figure: Figure, height: float, cells: Sequence[tuple[str, float]], colour: str) -> None:
+    """A line of a table: texts that begin at inches from the left, at a height in inches."""
+    for text, left in cells:
+        figure.text(
+            left / PAGE_INCHES[0], height / PAGE_INCHES[1], text, size=SMALL_SIZE, color=colour, ha="left", va="center",
+            parse_math=False,
+        )  # fmt: skip

@@ -227,9 +227,9 @@ class Parcellation:
 
 
 def parcels_of(
-    flat_map: FlatMap | MapData, names_or_paths: Sequence[str | Path]
+    flat_map: FlatMap | MapData, parcellations: Sequence[Parcellation | str | Path]
 ) -> dict[str, tuple[IntArray, dict[int, str]]]:
-    """The parts of parcellations on a map, as `fibrosis.measure_fibrosis` takes them.
+    """The parts of parcellations (or their names or files) on a map, as `fibrosis.measure_fibrosis` takes them.
 
     Returns
     -------
@@ -237,8 +237,8 @@ def parcels_of(
     is a group of its own.
     """
     parcels = {}
-    for name in names_or_paths:
-        parcellation = Parcellation.load(name)
+    for one in parcellations:
+        parcellation = one if isinstance(one, Parcellation) else Parcellation.load(one)
         if parcellation.overlapping:
             for part in parcellation.parts:
                 labels = parcellation.labels_of(flat_map, part.name).cells

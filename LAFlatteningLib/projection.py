@@ -16,7 +16,7 @@ from .cavity.covers import HOLE_ARRAY
 from .cavity.openings import guess_unit
 from .errors import InputFileError, LAFlatteningError, SurfaceError
 from .flattening.flat_map import POINT_ID_ARRAY, POSITION_ARRAY, REGION_ARRAY
-from .surface import FloatArray, Surface
+from .surface import FloatArray, IntArray, Surface
 from .volume import Volume
 
 LGE_ARRAY = "LGE"
@@ -124,26 +124,8 @@ def project(
     points = surface.points * surface.lps_signs
     _check_unit(points[surface.used_points])
     normals = outward_normals(surface) * surface.lps_signs
-    count = int(np.ceil((high - low) / (0.5 * float(volume.spacing.min())) - 1e-9)) + 1
-    along = np.linspace(low, high, count)
-    weight = np.ones(count)
-    if statistic == "mean":
-        weight[[0, -1]] = 0.5
-
-    values, inside = np.empty(len(points)), np.empty(len(points), np.int64)
-    group = max(1, SAMPLES_AT_ONCE // count)
-    for first in range(0, len(points), group):
-        part = slice(first, first + group)
-        sample = _samples(volume, points[part], normals[part], along)
-        known = ~np.isnan(sample)
-        inside[part] = known.sum(axis=0)
-        if statistic == "max":
-            values[part] = np.where(known, sample, -np.inf).max(axis=0)
-        else:
-            total = weight @ known
-            values[part] = (weight @ np.where(known, sample, 0.0)) / np.where(total > 0, total, 1.0)
+    values, inside, count = sample_along(volume, points, normals, (low, high), statistic)
     used = surface.used_points
-    values[inside == 0] = np.nan
     outside, partly = (int(np.count_nonzero(used & which)) for which in (inside == 0, (inside > 0) & (inside < count)))
     if outside == np.count_nonzero(used):
         raise InputFileError(_no_overlap(points[used], volume))
@@ -162,6 +144,38 @@ def project(
             "of the depth that it covers."
         )
     return Projection(values, (low, high), float((high - low) / (count - 1)), statistic, outside, partly, tuple(notes))
+
+
+def sample_along(
+    volume: Volume, points: FloatArray, normals: FloatArray, interval_mm: tuple[float, float], statistic: str
+) -> tuple[FloatArray, IntArray, int]:
+    """Maximum or mean of an image along the normals at points (n, 3), LPS, mm.
+
+    Returns
+    -------
+    Values (n,), NaN where every sample is outside the image; number of samples inside it (n,); number of samples.
+    """
+    low, high = interval_mm
+    count = int(np.ceil((high - low) / (0.5 * float(volume.spacing.min())) - 1e-9)) + 1
+    along = np.linspace(low, high, count)
+    weight = np.ones(count)
+    if statistic == "mean":
+        weight[[0, -1]] = 0.5
+
+    values, inside = np.empty(len(points)), np.empty(len(points), np.int64)
+    group = max(1, SAMPLES_AT_ONCE // count)
+    for first in range(0, len(points), group):
+        part = slice(first, first + group)
+        sample = volume.sample_lines(points[part], normals[part], along)
+        known = ~np.isnan(sample)
+        inside[part] = known.sum(axis=0)
+        if statistic == "max":
+            values[part] = np.fmax.reduce(sample, axis=0)
+        else:
+            total = weight @ known
+            values[part] = (weight @ np.where(known, sample, 0.0)) / np.where(total > 0, total, 1.0)
+    values[inside == 0] = np.nan
+    return values, inside, count
 
 
 def outward_normals(surface: Surface) -> FloatArray:
@@ -218,12 +232,6 @@ def _interval(depth_mm: float, side: str, interval_mm: Sequence[float] | None) -
     if depth_mm > FARTHEST_MM:
         raise LAFlatteningError(_too_far(depth_mm))
     return (0.0 if side == "out" else -float(depth_mm)), (0.0 if side == "in" else float(depth_mm))
-
-
-def _samples(volume: Volume, points: FloatArray, normals: FloatArray, along: FloatArray) -> FloatArray:
-    """Values (k, n) at k distances along the normals of n points, LPS."""
-    places = points[None] + along[:, None, None] * normals[None]
-    return volume.sample(places.reshape(-1, 3)).reshape(len(along), len(points))
 
 
 def _no_overlap(points: FloatArray, volume: Volume) -> str:

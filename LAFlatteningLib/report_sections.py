@@ -36,8 +36,8 @@ def summary_section(fibrosis: Content | None, gaps: Content | None, comparison: 
             rows.append((f"Scar round {where}", "complete" if ring["complete"] else found))
     if comparison is not None:
         pearson = comparison["parts"][0]["pearson"]
-        words = "none (one of them is the same everywhere)" if pearson is None else f"Pearson r = {pearson:.2f}"
-        rows.append((f"Correlation of {comparison['array_a']} with the second map", words))
+        agreement = "none (one of them is the same everywhere)" if pearson is None else f"Pearson r = {pearson:.2f}"
+        rows.append((f"Correlation of {comparison['array_a']} with the second map", agreement))
     words = ["Scar round veins, complete or not, says something only after an ablation."] if gaps is not None else []
     return Section("Findings", words, [Table(("", "found"), rows)]) if rows else None
 
@@ -80,6 +80,8 @@ def fibrosis_section(fibrosis: Content, pictures: list[Picture]) -> Section:
     words = [
         f"{rules[kind]} Areas are measured on the atrium in 3D; percentages are of the area that has values.",
     ]
+    if fibrosis["sampled_mm"] is not None:
+        words.append(f"The image was sampled every {fibrosis['sampled_mm']:.1f} mm within the triangles.")
     pool = fibrosis["blood_pool"]
     if pool:
         where = ""

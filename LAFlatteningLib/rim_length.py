@@ -46,3 +46,36 @@ def rim_lengths(points: FloatArray) -> FloatArray:
     along = 0.5 * length * (np.linalg.norm(smoothed, axis=1).reshape(-1, 4) @ weights)
     # Never without length, so that no two points fall together.
     return np.concatenate([[0.0], np.cumsum(np.maximum(along, 1e-3 * length))])
+
+
+HARMONICS = 4
+"""An ostium is a loop of so many harmonics; what is finer is the saw."""
+
+
+def rim_perimeter(points: FloatArray) -> float:
+    """Perimeter of an opening, mm: the length of its rim's first `HARMONICS` Fourier harmonics.
+
+    Right to 0.2 % for circles of 50 points, 1.3 % of 17 points, and to 1.2 % for ellipses up to 1 : 2. A remeshed rim,
+    which has lost most of its saw, keeps it to 1 or 2 %; its length along the edges changes by up to a third.
+
+    Parameters
+    ----------
+    points : (k, 3) mm, the closed rim in order, without its first point again.
+
+    Examples
+    --------
+    >>> turns = np.linspace(0.0, 2.0 * np.pi, 50, endpoint=False)
+    >>> circle = 10.0 * np.stack([np.cos(turns), np.sin(turns), 0.0 * turns], axis=1)
+    >>> round(rim_perimeter(circle), 1)
+    62.7
+    """
+    count = 64 * HARMONICS
+    # Even steps along the smoothed rim: along the saw, jagged parts would get more than their share.
+    along = rim_lengths(points)
+    at = np.linspace(0.0, along[-1], count, endpoint=False)
+    closed = np.concatenate([points, points[:1]])
+    even = np.stack([np.interp(at, along, closed[:, axis]) for axis in range(3)], axis=1)
+    spectrum = np.fft.rfft(even, axis=0)
+    spectrum[HARMONICS + 1 :] = 0.0
+    smooth = np.fft.irfft(spectrum, count, axis=0)
+    return float(np.linalg.norm(np.roll(smooth, -1, axis=0) - smooth, axis=1).sum())

@@ -68,7 +68,7 @@ OUTLINE = 0.45
 
 NO_VALUE = "#b5b5b5"
 REGION_COLOURS = ("#77AADD", "#EE8866", "#EEDD88", "#AAAA00", "#FFAABB", "#99DDFF", "#44BB99", "#BBCC33")
-DEFAULT_ARRAYS = (r"lge", r"scalars", r".*(bip|voltage).*")
+DEFAULT_ARRAYS = (r"lge", r"scalars", r".*(bip|voltage).*", r"lat")
 """What is shown if nothing is named, by preference: patterns of point array names, upper and lower case alike."""
 REVERSED_ARRAYS = r".*(bipolar|unipolar|voltage|activation).*|lat"
 """Arrays of which low values are drawn warm, likewise."""

@@ -120,6 +120,21 @@ class Volume:
             result[part] = self._sample(voxels, np.ascontiguousarray(self.indices(positions[part]).T), nearest)
         return result
 
+    def sample_lines(self, starts: FloatArray, directions: FloatArray, along: FloatArray) -> FloatArray:
+        """Values (k, n), trilinear, at k distances along n lines from `starts` (n, 3) in `directions` (n, 3), LPS, mm.
+
+        As `sample` at ``starts + along * directions``; quicker, because lines stay lines in the image.
+        """
+        start = np.ascontiguousarray(self.indices(starts).T)
+        step = np.ascontiguousarray(((np.asarray(directions) @ self.direction) / self.spacing).T)
+        result = np.empty((len(along), len(starts)))
+        voxels = self.values.reshape(-1)
+        for first in range(0, len(starts), SAMPLES_AT_ONCE):
+            part = slice(first, first + SAMPLES_AT_ONCE)
+            for row, distance in zip(result, along, strict=True):
+                row[part] = self._sample(voxels, start[:, part] + distance * step[:, part], False)
+        return result
+
     def _sample(self, voxels: NDArray, index: FloatArray, nearest: bool) -> FloatArray:
         """Values (n,) of the voxels in one row at (fractions of) indices (3, n) in the order i, j, k."""
         size = np.array(self.values.shape[::-1])[:, None]

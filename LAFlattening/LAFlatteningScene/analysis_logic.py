@@ -52,11 +52,17 @@ RegionNode = slicer.vtkMRMLLabelMapVolumeNode | slicer.vtkMRMLSegmentationNode
 
 @dataclass(frozen=True)
 class ProjectionChoice:
-    """How an image comes onto the wall, see `LAFlatteningLib.project`; mm."""
+    """How an image comes onto the wall, see `LAFlatteningLib.project`; mm.
+
+    Attributes
+    ----------
+    interval : (from, to) along the outward normal, in place of depth and side; negative is inside.
+    """
 
     depth: float = DEPTH_MM
     side: str = "both"
     statistic: str = "max"
+    interval: tuple[float, float] | None = None
 
 
 def suggestedRule(array: str, kind: str | None = None) -> tuple[str, str, str]:
@@ -109,7 +115,12 @@ class AnalysisLogic:
         LAFlatteningError : depth not positive.
         """
         found = project(
-            surfaceOf(surfaceNode), worldVolume(volumeNode), float(choice.depth), choice.side, choice.statistic
+            surfaceOf(surfaceNode),
+            worldVolume(volumeNode),
+            float(choice.depth),
+            choice.side,
+            choice.statistic,
+            interval_mm=choice.interval,
         )
         values = numpy_to_vtk(found.values, deep=True)
         values.SetName(array)

@@ -162,7 +162,8 @@ class _Planner:
         ).reshape(-1, 3)
         places = places - self.lumen.centre
         directions = places / np.maximum(np.linalg.norm(places, axis=1, keepdims=True), 1e-9)
-        return recognise(directions, [c.rise_mm for c in candidates], self.anatomy, self.space)
+        perimeters = [np.nan if c.rim is None else self.surface.loop_length(self.loops[c.rim]) for c in candidates]
+        return recognise(directions, [c.rise_mm for c in candidates], self.anatomy, self.space, perimeters)
 
     # ---- planes --------------------------------------------------------------------------------------------------
 

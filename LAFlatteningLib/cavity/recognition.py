@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import permutations
 
 import numpy as np
@@ -29,6 +29,8 @@ MOST_CANDIDATES = 9
 LOW_RISE_MM = 5.0
 """A tip that rises less is a less likely vein: it adds a misfit of `LOW_RISE_MISFIT` or less."""
 LOW_RISE_MISFIT = 0.15
+WIDER_RATIO = 1.2
+"""Where two open rims fit as one vein, the one wider by this is it: a further vein is narrower than the four."""
 LEFT_OPEN_MISFIT = 0.15
 """Taking a protrusion although an open rim is left over adds so much: what was cut open was an opening."""
 
@@ -65,7 +67,11 @@ class Recognition:
 
 
 def recognise(
-    directions: FloatArray, rises_mm: Sequence[float], anatomy: Anatomy, space: str | None = "LPS"
+    directions: FloatArray,
+    rises_mm: Sequence[float],
+    anatomy: Anatomy,
+    space: str | None = "LPS",
+    perimeters_mm: Sequence[float] | None = None,
 ) -> Recognition:
     """Assign candidates to the holes of an anatomy by their directions from the middle of the chamber.
 
@@ -77,6 +83,7 @@ def recognise(
     directions : (k, 3) unit vectors from the middle of the chamber to the candidates.
     rises_mm : (k,) how far each stands out (`tips.Tip.rise_mm`); infinite for openings.
     space : axes of the directions, "LPS" or "RAS"; None where they are not the patient's.
+    perimeters_mm : (k,) of the open rims, NaN for others; decides which of two that fit a vein is it.
 
     Raises
     ------
@@ -120,18 +127,38 @@ def recognise(
             f"{_UNLIKE} (misfit {best.misfit:.2f}, at most {WORST_MISFIT:g}). Expected one with four pulmonary veins "
             "and an appendage, and no ventricle attached. If it is one, mark the tip of each vein (--tips)."
         )
+    notes: list[str] = []
+    if best.lead < SMALLEST_LEAD and perimeters_mm is not None:
+        wider = _wider(best, np.asarray(perimeters_mm, np.float64))
+        if wider is not None:
+            vein, taken_mm, other_mm = holes[wider[0]], *wider[1:]
+            notes.append(
+                f"Two openings fit {vein}: the wider, {taken_mm:.0f} mm round, was taken for it, and the other "
+                f"({other_mm:.0f} mm) for a further vein."
+            )
+            second = _fit(layout, directions, best.second[None], np.zeros(1), limit)
+            best = replace(second, second=best.order, lead=best.lead)
     names = {hole: int(k) for hole, k in zip(holes, best.order, strict=True)}
-    notes = []
-    if best.misfit > LIKELY_MISFIT:
-        notes.append("The veins lie unusually for a left atrium; check which is which.")
-    if best.lead < SMALLEST_LEAD:
+    if best.lead < SMALLEST_LEAD and not notes:
         doubtful = [hole for hole, a, b in zip(holes, best.order, best.second, strict=True) if a != b]
         notes.append(f"{' and '.join(doubtful)} could also be taken otherwise; check which is which.")
+    if best.misfit > LIKELY_MISFIT:
+        notes.append("The veins lie unusually for a left atrium; check which is which.")
     mirror = _fit(_mirror(layout), directions, orders, extra, 180.0)
     exchanged = dict(zip(holes, map(int, mirror.order), strict=True)) if mirror.misfit <= LIKELY_MISFIT else {}
     return Recognition(
         names, best.rotation, best.misfit, best.lead, "low" if notes else "high", tuple(notes), exchanged
     )
+
+
+def _wider(best: _Fit, perimeters: FloatArray) -> tuple[int, float, float] | None:
+    """Where the second best assignment differs by a wider open rim only: number of the hole, both perimeters."""
+    differs = np.flatnonzero(best.order != best.second)
+    if len(differs) != 1:
+        return None
+    first, second = (float(perimeters[order[differs[0]]]) for order in (best.order, best.second))
+    # False for tips, which are NaN.
+    return (int(differs[0]), second, first) if second >= WIDER_RATIO * first else None
 
 
 @dataclass(frozen=True)
@@ -179,6 +206,8 @@ def _refuse_other_axes(
     mirrored = _fit(_mirror(layout), directions, orders, extra, TILT_DEGREES)
     turned = _fit(layout, directions, orders, extra, 180.0)
     other = _fit(_mirror(layout), directions, orders, extra, 180.0)
+    x, y, z = (layout if space == "LPS" else layout * [-1.0, -1.0, 1.0]).T
+    as_carto = _fit(np.stack([x, z, -y], axis=1), directions, orders, extra, TILT_DEGREES)
     swapped = _fit(layout * [-1.0, -1.0, 1.0], directions, orders, extra, TILT_DEGREES)
     if mirrored.misfit <= min(better, turned.misfit / MIRROR_RATIO):
         raise SurfaceError(
@@ -189,7 +218,12 @@ def _refuse_other_axes(
         named = "RAS" if space == "LPS" else "LPS"
         raise SurfaceError(
             f"{_UNLIKE} in {space}, the axes of the file, but as in {named}. Save the file with its axes named "
-            f"(SPACE={named}), or give --ignore-axes."
+            f"(SPACE={named}), or give --axes {named}."
+        )
+    if as_carto.misfit <= min(better, MIRROR_RATIO * other.misfit):
+        raise SurfaceError(
+            f"{_UNLIKE} in {space}, the axes of the file, but as in the axes of CARTO (to the left, the head, the "
+            "front), which exports of it keep. Give --axes CARTO."
         )
     if turned.misfit <= min(better, MIRROR_RATIO * other.misfit):
         raise SurfaceError(

@@ -12,13 +12,26 @@ from collections.abc import Sequence
 
 from .._version import __version__
 from ..errors import LAFlatteningError
-from . import compare, demo, fibrosis, flatten, gaps, info, prepare, project, run
+from . import (
+    compare,
+    demo,
+    distortion,
+    fibrosis,
+    flatten,
+    gaps,
+    info,
+    measure,
+    prepare,
+    project,
+    run,
+    texture,
+)
 from .progress import Progress
 
 BAD_INPUT = 2
 """Exit code for input that cannot be used."""
 
-COMMANDS = (run, prepare, flatten, project, fibrosis, gaps, compare, demo, info)
+COMMANDS = (run, prepare, flatten, project, fibrosis, gaps, compare, measure, distortion, texture, demo, info)
 """In the order of the help."""
 
 

@@ -47,17 +47,6 @@ def check_distinct(options: argparse.Namespace, names: Sequence[str]) -> None:
             used[path] = name
 
 
-def distinct_names(a: Path | str, b: Path | str) -> tuple[str, str]:
-    """What two files are called on a page: their names; with the folder, or as A and B, where these are the same."""
-    one, other = Path(a).resolve(), Path(b).resolve()
-    if one == other:
-        return f"{one.name} (A)", f"{one.name} (B)"
-    if one.name != other.name:
-        return one.name, other.name
-    names = [f"{path.parent.name}/{path.name}" for path in (one, other)]
-    return (names[0], names[1]) if names[0] != names[1] else (f"{names[0]} (A)", f"{names[1]} (B)")
-
-
 def write_map(
     flat_map: FlatMap,
     output: Path | str,

@@ -13,9 +13,10 @@ from ..fibrosis import DIRECTIONS, Fibrosis, Rule, measure_fibrosis, on_atrium
 from ..files import atomic_write, check_writable, read_surface, read_volume
 from ..map_data import MapData
 from ..page import check_figure_path
-from ..parcellation import builtin_parcellations, parcels_of
+from ..parcellation import Parcellation, builtin_parcellations, parcels_of
 from ..quantities import diseased_side
 from ..surface import Surface
+from ..volume import Volume
 from .command import Subcommands, add_command, check_distinct
 from .progress import Progress
 
@@ -43,7 +44,12 @@ def add(commands: Subcommands) -> None:
         choices=DIRECTIONS,
         help="on which side of the thresholds disease is (default: below for voltages, above for everything else)",
     )
-    sub.add_argument("--volume", metavar="V", help="image in which the blood pool is measured, inside the atrium")
+    sub.add_argument(
+        "--volume",
+        metavar="V",
+        help="image in which the blood pool is measured, inside the atrium; an array that was projected from it is "
+        "sampled again, within the triangles",
+    )
     sub.add_argument("--blood-pool-labels", metavar="L", help="label map of the blood, in place of the inside")
     sub.add_argument("--blood-pool-label", type=int, metavar="N", help="its label (default: every one but 0)")
     sub.add_argument("--blood-pool", metavar="MEAN,SD", help="the blood pool as numbers, without an image")
@@ -55,8 +61,10 @@ def add(commands: Subcommands) -> None:
         help=f"further parts to measure, may be repeated: {', '.join(builtin_parcellations())}, or a file",
     )
     sub.add_argument("--template", metavar="NAME|FILE.json", help="of the map (default: the one that the map names)")
-    sub.add_argument("--unit", help="of the array, for the table and the figure (default: by its name, like mV)")
-    sub.add_argument("--names", metavar="A,B[,...]", help="names of the classes, from normal on")
+    sub.add_argument("--unit", help="of the array, like mV (default: that of a known quantity)")
+    sub.add_argument(
+        "--names", metavar="A,B[,...]", help="names of the classes, from normal on (default: by the quantity)"
+    )
     sub.add_argument("--output", required=True, metavar="F.json", help="areas and percentages")
     sub.add_argument("--csv", metavar="F.csv", help="the same as a table")
     sub.add_argument("--figure", metavar="F.png", help="a picture with the classes (.png .pdf .svg)")
@@ -82,14 +90,29 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
         raise InputFileError(f'"{options.map}" is no map: a parcellation and a template need one. Flatten it first.')
     parcels = parcels_of(atrium, options.parcellation) if isinstance(atrium, MapData) else {}
     progress(0.2, "Measuring the blood pool")
-    pool = _blood_pool(options, on_atrium(atrium)[0])
+    volume = read_volume(options.volume) if options.volume else None
+    pool = _blood_pool(options, on_atrium(atrium)[0], volume)
     progress(0.5, "Measuring")
     names = [name.strip() for name in options.names.split(",")] if options.names else None
-    found = measure_fibrosis(atrium, options.array, rule, pool, parcels=parcels, class_names=names, unit=options.unit)
+    found = measure_fibrosis(
+        atrium,
+        options.array,
+        rule,
+        pool,
+        parcels=parcels,
+        class_names=names,
+        unit=options.unit,
+        volume=volume,
+    )
     with ExitStack() as files:
         if options.figure:
             progress(0.6, "Drawing")
-            draw_fibrosis(atrium, found, files.enter_context(atomic_write(options.figure)))
+            draw_fibrosis(
+                atrium,
+                found,
+                files.enter_context(atomic_write(options.figure)),
+                parcellations=[Parcellation.load(name) for name in options.parcellation],
+            )
         if options.csv:
             files.enter_context(atomic_write(options.csv)).write_text(found.to_csv(), encoding="utf-8")
         text = json.dumps(found.to_dict(), indent=2) + "\n"
@@ -114,16 +137,15 @@ def _check_options(options: argparse.Namespace, rule: Rule) -> None:
         )
 
 
-def _blood_pool(options: argparse.Namespace, surface: Surface) -> BloodPool | None:
+def _blood_pool(options: argparse.Namespace, surface: Surface, volume: Volume | None) -> BloodPool | None:
     if options.blood_pool:
         try:
             mean, sd = (float(word) for word in options.blood_pool.split(","))
         except ValueError:
             raise InputFileError(f'--blood-pool "{options.blood_pool}": expected two numbers, MEAN,SD.') from None
         return given_blood_pool(mean, sd)
-    if not options.volume:
+    if volume is None:
         return None
-    volume = read_volume(options.volume)
     if options.blood_pool_labels:
         return blood_pool_of_labels(volume, read_volume(options.blood_pool_labels), options.blood_pool_label)
     return find_blood_pool(surface, volume)
@@ -139,6 +161,8 @@ def _report(found: Fibrosis) -> None:
             place = ", ".join(f"{x:.0f}" for x in pool.centre_mm)
             where = f"; {pool.voxels} voxels, {pool.volume_ml:.1f} ml about ({place}) mm LPS"
         print(f"blood pool: mean {pool.mean:.4g}, SD {pool.sd:.4g} ({pool.how}{where})")
+    if found.sampled_mm is not None:
+        print(f"image sampled every {found.sampled_mm:.2f} mm along the wall")
     print("classes: " + "; ".join(found.class_label(k) for k in range(len(found.class_names))))
     for part in found.parts:
         classes = zip(found.class_names[1:], part.class_percent[1:], part.class_cm2[1:], strict=True)

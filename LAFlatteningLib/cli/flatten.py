@@ -9,6 +9,7 @@ from ..cavity.covers import HOLE_ARRAY
 from ..errors import InputFileError
 from ..files import check_writable, read_seeds, read_surface
 from ..flattening import METHODS, Flattener
+from ..flattening.strategies import STRATEGIES, flatten_by_strategy
 from ..page import check_figure_path
 from ..progress import part
 from ..subcontours import ROUNDINGS
@@ -45,6 +46,12 @@ def add(commands: Subcommands) -> None:
         help=f"how --method paper rounds the sub-contour rule (default: {ROUNDINGS[0]}, as printed)",
     )
     flat.add_argument(
+        "--strategy",
+        choices=STRATEGIES,
+        help="for study, one of the four that the paper compares: only the outer rim on its circle, all rims, rims and "
+        "paths, or refined (which is --method paper)",
+    )
+    flat.add_argument(
         "--template",
         default=DEFAULT_TEMPLATE,
         metavar="NAME|FILE.json",
@@ -69,10 +76,11 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
     progress(0.0, "Reading")
     surface = read_surface(options.surface)
     seeds = read_seeds(options.seeds, surface.space)
-    flattener = Flattener(
-        surface, options.template, options.method, options.rounding or ROUNDINGS[0], not options.ignore_axes
-    )
-    flat_map = flattener.flatten(seeds, part(progress, 0.05, 0.7))
+    rounding, check_axes, work = options.rounding or ROUNDINGS[0], not options.ignore_axes, part(progress, 0.05, 0.7)
+    if options.strategy:
+        flat_map = flatten_by_strategy(surface, seeds, options.strategy, options.template, rounding, check_axes, work)
+    else:
+        flat_map = Flattener(surface, options.template, options.method, rounding, check_axes).flatten(seeds, work)
     write_map(flat_map, options.output, options.metrics, options.figure, options.array, progress)
     progress.clear()
     report_map(flat_map, outputs)
@@ -84,6 +92,8 @@ def _check_options(options: argparse.Namespace) -> None:
         raise InputFileError("--array chooses what the figure shows: give --figure F.png too.")
     if options.figure:
         check_figure_path(options.figure)
+    if options.strategy and options.method != "paper":
+        raise InputFileError("--strategy belongs to --method paper: give that too, or leave --strategy out.")
     if options.rounding and options.method != "paper":
         raise InputFileError("--rounding belongs to --method paper: give that too, or leave --rounding out.")
     if Path(options.output).suffix.lower() not in (".vtp", ".vtk"):

@@ -7,6 +7,7 @@ import json
 from contextlib import ExitStack
 from pathlib import Path
 
+from ..axes import AXES, with_axes
 from ..cavity.clipping import CutPlane
 from ..cavity.label_surface import denoised_label_surface
 from ..cavity.plan import KEEP_MM
@@ -76,7 +77,13 @@ def add_input_options(sub: argparse.ArgumentParser) -> None:
         default="cover",
         help="cut further veins off and cover them, or keep them (default: %(default)s)",
     )
-    sub.add_argument("--ignore-axes", action="store_true", help="the coordinates are not the patient's axes")
+    sub.add_argument(
+        "--axes",
+        choices=AXES,
+        type=str.upper,
+        help="axes of the coordinates of a surface, whatever its file says; CARTO: to the left, the head, the front",
+    )
+    sub.add_argument("--ignore-axes", action="store_true", help="the coordinates are in unknown axes")
 
 
 def settings_of(options: argparse.Namespace, is_label_map: bool) -> PrepareSettings:
@@ -101,11 +108,16 @@ def settings_of(options: argparse.Namespace, is_label_map: bool) -> PrepareSetti
 def read_input(options: argparse.Namespace, progress: ProgressCallback | None) -> tuple[Surface, list[str], bool]:
     """The surface of the input, notes on how it was made, and whether the input is a label map."""
     if Path(options.input).name.lower().endswith(VOLUME_SUFFIXES):
+        if options.axes:
+            raise InputFileError("--axes is for surfaces: a label map says in which axes it is. Leave it out.")
         made = denoised_label_surface(read_volume(options.input), options.label, progress)
         return made.surface, list(made.notes), True
     if options.label is not None:
         raise InputFileError("--label chooses a value of a label map, but the input is a surface: leave it out.")
-    return read_surface(options.input), [], False
+    surface = read_surface(options.input)
+    if not options.axes:
+        return surface, [], False
+    return *with_axes(surface, options.axes), False
 
 
 def read_given(

@@ -19,6 +19,7 @@ from ..gaps import find_gaps
 from ..gaps.figures import draw_gaps
 from ..gaps.search_areas import SEARCH_MM
 from ..map_data import MapData
+from ..parcellation import Parcellation, builtin_parcellations, parcels_of
 from ..preparation import Preparation, prepare
 from ..progress import part
 from ..projection import project
@@ -67,8 +68,17 @@ def add(commands: Subcommands) -> None:
         help="classes of fibrosis, sd=K,.. iir=R,.. or value=V,..; the first threshold is also that of gaps in "
         f"ablation lines (default: {DEFAULT_RULE})",
     )
+    sub.add_argument(
+        "--parcellation",
+        action="append",
+        default=[],
+        metavar="NAME|FILE.json",
+        help=f"sub-regions to measure fibrosis in, may be repeated: {', '.join(builtin_parcellations())}, or a file",
+    )
     sub.add_argument("--second", metavar="MAP.vtp", help="another map to compare with; adds " + ", ".join(SECOND_FILES))
-    sub.add_argument("--array", metavar="NAME", help=f"array of this map that is compared (default: {ARRAY})")
+    sub.add_argument(
+        "--array", metavar="NAME", help=f"array that is drawn, and compared with the other map (default: {ARRAY})"
+    )
     sub.add_argument("--second-array", metavar="NAME", help="array of the other map (default: the same)")
     sub.add_argument("--method", choices=METHODS, default=METHODS[0], help="default: %(default)s")
     sub.add_argument(
@@ -90,11 +100,15 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
     surface, notes, is_label_map = read_input(options, part(progress, 0.0, 0.1))
     settings = settings_of(options, is_label_map)
     tips, planes = read_given(options, surface.space)
+    _check_array(options, surface)
     template = Template.load(options.template)
+    parcellations = [Parcellation.load(name) for name in options.parcellation]
+    for parcellation in parcellations:
+        parcellation.check_template(template)
     volume = read_volume(options.volume) if options.volume else None
     second = MapData.of(read_surface(options.second), options.template) if options.second else None
     if second is not None:
-        _check_arrays(surface, second, options)
+        corner_values(second.surface, options.second_array or options.array or ARRAY)
     for path in files.values():
         if path.resolve() in {
             Path(given).resolve() for given in (options.input, options.volume, options.second) if given
@@ -118,10 +132,10 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
         assert preparation.cavity is not None
         flattener = Flattener(preparation.cavity, template, options.method, check_axes=not options.ignore_axes)
         flat_map = flattener.flatten(preparation.seeds, part(progress, 0.45, 0.7))
-        write_map(flat_map, files["map.vtp"], files["metrics.json"], files["figure.png"], None, progress)
+        write_map(flat_map, files["map.vtp"], files["metrics.json"], files["figure.png"], options.array, progress)
         if volume is not None:
             progress(0.75, "Measuring fibrosis and gaps")
-            preparation.repairs += _measure(flat_map, rule, pool, files)
+            preparation.repairs += _measure(flat_map, volume, rule, pool, parcellations, files)
         if second is not None:
             progress(0.9, "Comparing")
             _compare(flat_map, second, options, files)
@@ -138,24 +152,22 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
 
 def _check_options(options: argparse.Namespace) -> None:
     """Raise InputFileError for options that would have no effect, before any work."""
-    if options.rule and not options.volume:
-        raise InputFileError("--rule says what is fibrosis in an image: give the image with --volume.")
-    for name in ("array", "second_array"):
-        if getattr(options, name) and not options.second:
-            raise InputFileError(
-                f"--{name.replace('_', '-')} says what is compared with another map: give that with --second."
-            )
+    for name in ("rule", "parcellation"):
+        if getattr(options, name) and not options.volume:
+            raise InputFileError(f"--{name} belongs to fibrosis in an image: give the image with --volume.")
+    if options.second_array and not options.second:
+        raise InputFileError("--second-array says what is compared with another map: give that with --second.")
 
 
-def _check_arrays(surface: Surface, second: MapData, options: argparse.Namespace) -> None:
-    """Raise LAFlatteningError where an array that is to be compared will not be there, before any work."""
-    array = options.array or ARRAY
-    corner_values(second.surface, options.second_array or array)
-    if not (options.volume and array == ARRAY):
-        try:
-            corner_values(surface, array)
-        except LAFlatteningError as error:
-            raise InputFileError(f'"{options.input}": {error} Or choose another one with --array.') from error
+def _check_array(options: argparse.Namespace, surface: Surface) -> None:
+    """Raise LAFlatteningError, before any work, for an array to draw or compare that the map will not have."""
+    known = sorted({*surface.point_data, *surface.cell_data, *([ARRAY] if options.volume else [])})
+    array = options.array or (ARRAY if options.second else None)
+    if array is not None and array not in known:
+        raise LAFlatteningError(
+            f'The atrium has no array "{array}"; found {", ".join(known) or "none"}. Check its name, or give another '
+            "with --array."
+        )
 
 
 def _project(preparation: Preparation, volume: Volume) -> BloodPool:
@@ -168,9 +180,16 @@ def _project(preparation: Preparation, volume: Volume) -> BloodPool:
     return find_blood_pool(cavity, volume)
 
 
-def _measure(flat_map: FlatMap, rule: Rule, pool: BloodPool | None, files: dict[str, Path]) -> list[str]:
+def _measure(
+    flat_map: FlatMap,
+    volume: Volume,
+    rule: Rule,
+    pool: BloodPool | None,
+    parcellations: list[Parcellation],
+    files: dict[str, Path],
+) -> list[str]:
     """Write fibrosis by region, and gaps at its first threshold; returns what could not be measured."""
-    fibrosis = measure_fibrosis(flat_map, ARRAY, rule, pool)
+    fibrosis = measure_fibrosis(flat_map, ARRAY, rule, pool, parcels=parcels_of(flat_map, parcellations), volume=volume)
     notes = []
     gaps = None
     # In a narrow atrium the areas round veins may run into another opening; those drawn on the template do less often.
@@ -181,7 +200,8 @@ def _measure(flat_map: FlatMap, rule: Rule, pool: BloodPool | None, files: dict[
         except SurfaceError as error:
             notes.append(f"Gaps round the veins were not measured with the search area {search}: {error}")
     with ExitStack() as written:
-        draw_fibrosis(flat_map, fibrosis, written.enter_context(atomic_write(files["fibrosis.png"])))
+        page = written.enter_context(atomic_write(files["fibrosis.png"]))
+        draw_fibrosis(flat_map, fibrosis, page, parcellations=parcellations)
         found = {"fibrosis.json": fibrosis.to_dict()}
         if gaps is not None:
             found["gaps.json"] = gaps.to_dict()

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..axes import lps_from_carto
 from ..errors import SurfaceError
 from ..quantities import measured
 from ..surface import Array, FloatArray, Surface
@@ -48,11 +49,6 @@ def read_carto(path: Path) -> Surface:
             f"None of its {len(faces)} triangles is visible. Show the surface in CARTO and export it again."
         )
     return surface.submesh(shown)[0]
-
-
-def lps_from_carto(points: FloatArray) -> FloatArray:
-    """Coordinates (n, 3) of CARTO, mm (x to the left, y up, z to the front), in LPS."""
-    return np.stack([points[:, 0], -points[:, 2], points[:, 1]], axis=1)
 
 
 def _count(path: Path, about: dict[str, str], key: str) -> int:

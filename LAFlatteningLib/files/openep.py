@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.io import loadmat
 
+from ..axes import lps_from_carto
 from ..errors import InputFileError, LAFlatteningError
 from ..quantities import measured
 from ..surface import Surface
 from .access import unreadable
-from .carto import lps_from_carto
 
 TABLES = {"act_bip": ("LAT", "Bipolar"), "uni_imp_frc": ("Unipolar", "Impedance", "Force")}
 """Table of the file -> the quantities in its columns."""

@@ -21,6 +21,8 @@ from ..template import Template
 
 USUAL_DILATATION = 20.0
 """A 99th percentile of the dilatation above this makes a note: on real atria with good seeds it is 4 to 10."""
+RIM_OFF = 1e-3
+"""Rims farther from their circles than this share of the disk radius make a note."""
 REGION_ARRAY = "region"
 """Cell array of a map: the number of the region."""
 POSITION_ARRAY = "position_mm"
@@ -117,6 +119,11 @@ class FlatMap:
             notes.append(
                 f"{len(self.folded_triangles)} triangles are folded, as is usual for the method {self.method}; "
                 "the method regional does not fold."
+            )
+        if self.rim_error > RIM_OFF:
+            notes.append(
+                f"Rims are off their circles by up to {100 * self.rim_error:.0f} % of the disk radius ({self.method}): "
+                "the map is for study, and cannot be compared with others."
             )
         if len(self.freed_path_points):
             notes.append(

@@ -16,7 +16,8 @@ from pathlib import Path
 import constraints
 import overview
 import readings
-from atria import Atrium, atria, scans
+import study
+from atria import Atrium, atria
 from pictures import Drawn, save
 
 FOLDER = Path(__file__).resolve().parents[2] / "Docs" / "figures"
@@ -24,6 +25,10 @@ FOLDER = Path(__file__).resolve().parents[2] / "Docs" / "figures"
 FIGURES: dict[str, Callable[[Atrium], Drawn | None]] = {
     "overview": overview.draw,
     "constraints": constraints.draw,
+    "strategies": study.strategies,
+    "templates": study.templates,
+    "refinement": study.refinement,
+    "patterns": study.patterns,
     "gaps": readings.gaps,
     "lge": readings.lge,
     "lge_voltage": readings.voltage,
@@ -31,27 +36,49 @@ FIGURES: dict[str, Callable[[Atrium], Drawn | None]] = {
 """Name -> what draws it for an atrium, or None where the atrium has not what it needs. In the order of the paper."""
 
 
+POPULATIONS = {"box_plots": study.box_plots, "template_spread": study.template_spread}
+"""Name -> what draws it for several atria."""
+
+
 def main() -> None:
     """Draw them all, or those asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", nargs="+", choices=FIGURES, default=list(FIGURES), metavar="NAME")
+    names = [*FIGURES, *POPULATIONS, "templates_sum"]
+    parser.add_argument("--only", nargs="+", choices=names, default=names, metavar="NAME")
     parser.add_argument("--phantom", action="store_true", help="leave real atria out")
     options = parser.parse_args()
-    captions: dict[str, dict[str, str]] = {}
-    for atrium in (*atria(), *(() if options.phantom else scans())):
-        folder = FOLDER / "real" / atrium.key if atrium.key else FOLDER
-        for name in options.only if not atrium.key.startswith("scan") else ["lge"]:
-            begun = time.perf_counter()
-            drawn = FIGURES[name](atrium)
-            if drawn is None:
-                continue
+    captions: dict[Path, dict[str, str]] = {}
+
+    def draw(name: str, folder: Path, make: Callable[[], Drawn | None]) -> None:
+        if name not in options.only:
+            return
+        begun = time.perf_counter()
+        drawn = make()
+        if drawn is not None:
             path = save(drawn, folder)
-            captions.setdefault(atrium.key, {})[drawn.name] = drawn.caption
-            print(f"{path}  ({time.perf_counter() - begun:.0f} s)")
-        if options.only == list(FIGURES):
-            _write_gallery(folder, captions[atrium.key])
-        if options.phantom:
+            captions.setdefault(folder, {})[drawn.name] = drawn.caption
+            print(f"{path}  ({time.perf_counter() - begun:.0f} s)", flush=True)
+
+    for atrium in atria():
+        if options.phantom and atrium.key:
             break
+        folder = FOLDER / "real" / atrium.key if atrium.key else FOLDER
+        for name, of in FIGURES.items():
+            draw(name, folder, lambda of=of, atrium=atrium: of(atrium))
+        if not atrium.key:
+            phantoms = study.population()
+            for name, of_many in POPULATIONS.items():
+                draw(name, folder, lambda of_many=of_many, some=phantoms: of_many(some, "synthetic atria"))
+    if not options.phantom:
+        real = study.real_population()
+        for atrium in real:
+            draw("lge", FOLDER / "real" / atrium.key, lambda atrium=atrium: readings.lge(atrium))
+        for name, of_many in POPULATIONS.items() if real else ():
+            draw(name, FOLDER / "real", lambda of_many=of_many: of_many(real, "atria from LGE-MRI"))
+        draw("templates_sum", FOLDER / "real", study.sum_atlas)
+    if options.only == names:
+        for folder, texts in captions.items():
+            _write_gallery(folder, texts)
 
 
 def _write_gallery(folder: Path, captions: dict[str, str]) -> None:

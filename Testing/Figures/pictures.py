@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +10,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from PIL import Image
 
 from LAFlatteningLib import FlatMap, Surface
 from LAFlatteningLib.page import draw_line, rasterise_map, show_raster
@@ -20,7 +18,7 @@ from LAFlatteningLib.shading import Paint, Raster, View, rasterise, shade
 INK, PATH, RIM, FOLD = "#1a1a1a", "#111111", "#00b8a9", "#d40000"
 WALL, INSIDE = np.array([0.86, 0.80, 0.76]), np.array([0.42, 0.40, 0.40])
 VIEW_PIXELS = 900
-DOTS_PER_INCH = 150
+DOTS_PER_INCH = 110
 
 
 @dataclass(frozen=True)
@@ -60,10 +58,7 @@ def save(drawn: Drawn, folder: Path) -> Path:
     """Write a figure; its path."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{drawn.name}.png"
-    picture = io.BytesIO()
-    drawn.figure.savefig(picture, dpi=DOTS_PER_INCH, facecolor="white")
-    # 256 colours are enough for the eye, and a third of the size.
-    Image.open(picture).convert("RGB").quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
+    drawn.figure.savefig(path, dpi=DOTS_PER_INCH, facecolor="white", pil_kwargs={"optimize": True})
     return path
 
 

@@ -73,6 +73,7 @@ class ProjectionTest(AnalysisCase):
         for choice, options in (
             (ProjectionChoice(1.5, "in", "max"), {"depth_mm": 1.5, "side": "in"}),
             (ProjectionChoice(2.0, "out", "mean"), {"depth_mm": 2.0, "side": "out", "statistic": "mean"}),
+            (ProjectionChoice(interval=(-1.0, 3.0)), {"interval_mm": (-1.0, 3.0)}),
         ):
             self.logic.project(self.surface, volume, choice)
             np.testing.assert_allclose(array(self.surface, "LGE"), self.expected(**options), rtol=1e-6)

@@ -10,7 +10,6 @@ import SimpleITK as sitk
 from LAFlatteningLib import read_surface, write_surface
 from LAFlatteningLib.analysis_figures import class_paint, make_comparison_figure
 from LAFlatteningLib.cli import main
-from LAFlatteningLib.cli.command import distinct_names
 from LAFlatteningLib.comparison import compare_maps
 from LAFlatteningLib.fibrosis import Rule, measure_fibrosis
 from LAFlatteningLib.phantom import make_lge_volume
@@ -126,15 +125,6 @@ def test_compare_writes_all_files(files, phantom_map, capsys):
     for name in ("comparison.png", "difference.png"):
         assert (files / "cmp" / name).read_bytes().startswith(b"\x89PNG")
     assert "Pearson 1.000" in capsys.readouterr().out
-
-
-def test_maps_of_one_name_are_told_apart(tmp_path):
-    before, after = tmp_path / "before" / "map.vtp", tmp_path / "after" / "map.vtp"
-    assert distinct_names(before, after) == ("before/map.vtp", "after/map.vtp")
-    assert distinct_names(before, before) == ("map.vtp (A)", "map.vtp (B)")
-    assert distinct_names(before, tmp_path / "other.vtp") == ("map.vtp", "other.vtp")
-    names = distinct_names(before, tmp_path / "2" / "before" / "map.vtp")
-    assert names == ("before/map.vtp (A)", "before/map.vtp (B)")
 
 
 def test_a_figure_of_a_constant_has_no_correlation(phantom_map):

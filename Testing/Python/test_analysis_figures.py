@@ -7,6 +7,8 @@ from LAFlatteningLib.blood_pool import BloodPool
 from LAFlatteningLib.comparison import compare_maps
 from LAFlatteningLib.fibrosis import Rule, measure_fibrosis
 from LAFlatteningLib.map_data import MapData
+from LAFlatteningLib.parcellation import Parcellation, parcels_of
+from LAFlatteningLib.template import inside_polygon
 
 pytest.importorskip("matplotlib")
 
@@ -140,3 +142,29 @@ def test_both_maps_are_painted_by_one_colour_bar(across):
     # The value .1 is at .1 on one and at .2 on the other.
     assert picture_at(axes["A"], 0.1, -0.25) == pytest.approx(picture_at(axes["B"], 0.2, -0.25), abs=0.05)
     assert np.abs(picture_at(axes["A"], 0.2, -0.25) - picture_at(axes["B"], 0.2, -0.25)).max() > 0.1
+
+
+def test_sub_regions_are_outlined_numbered_and_listed(phantom_map):
+    parcellation = Parcellation.load("segments_24")
+    parcels = parcels_of(phantom_map, [parcellation])
+    found = measure_fibrosis(phantom_map, "LGE", Rule("value", (120.0,)), parcels=parcels)
+    figure = pages.make_fibrosis_figure(phantom_map, found, parcellations=[parcellation])
+    axes = axes_of(figure)["map"]
+    template = phantom_map.template
+    numbers = {text.get_text(): text.get_position() for text in axes.texts if text.get_text().isdigit()}
+    assert sorted(map(int, numbers)) == list(range(1, 25))
+    labels = parcellation.labels_at(np.array(list(numbers.values())), template)
+    assert [str(label) for label in labels] == list(numbers)
+    paths = [path for one in axes.collections for path in one.get_paths()]
+    lines = [line for path in paths for line in path.to_polygons(closed_only=False)]
+    border = np.concatenate(lines)
+    # No border runs within a hole or along the rim of the disk, and either side of it is another part.
+    for hole in template.holes.values():
+        assert not inside_polygon(border, hole.shape.outline()).any()
+    assert np.linalg.norm(border, axis=1).max() <= template.radius
+    steps = 0.003 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    around = np.stack([parcellation.labels_at(border + step, template) for step in steps])
+    assert (around != around[0]).any(axis=0).mean() > 0.98
+    words = [text.get_text() for text in figure.texts]
+    share = found.part("segments_24", 9).beyond_percent
+    assert words[words.index("9 LSPV superior") + 1] == f"{share:.1f}"

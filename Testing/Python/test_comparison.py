@@ -173,7 +173,7 @@ def test_what_says_nothing_is_noted(phantom_map):
     values = pattern(phantom_map.surface.points)
     assert compare_maps(phantom_map, phantom_map, "LGE", "LGE").notes == ()
     same = compare_maps(phantom_map, with_array(phantom_map, "v", np.full(len(values), 5.0)), "LGE", "v")
-    assert [note for note in same.notes if "v of B is 5 everywhere" in note] == list(same.notes)
+    assert any("v of B is 5 everywhere" in note for note in same.notes)
     a, b = with_array(phantom_map, "v", values), with_array(phantom_map, "v", 1000.0 + values)
     assert "no values in common" in compare_maps(a, b, "v", "v").notes[0]
     ranks = compare_maps(a, b, "v", "v", scale="ranks")

@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from LAFlatteningLib.cli import main
 from LAFlatteningLib.errors import InputFileError, LAFlatteningError, SurfaceError
 from LAFlatteningLib.fibrosis import Rule, measure_fibrosis
 from LAFlatteningLib.files import read_surface, write_surface
+from LAFlatteningLib.flattening import flatten
 from LAFlatteningLib.parcellation import Parcellation
 from LAFlatteningLib.phantom import LgeModel, left_atrium_shape, make_lge_volume, make_phantom
 from LAFlatteningLib.projection import project
@@ -100,6 +102,60 @@ def test_scar_in_the_phantoms_image_is_within_one_point():
         part = found.part("region", region)
         assert part.area_cm2 == pytest.approx(phantom.shape.region_areas()[region] / 100.0, rel=0.01)
         assert part.beyond_percent == pytest.approx(100.0 * share, abs=1.0)
+
+
+def test_scar_in_the_phantoms_image_is_within_one_point_at_three_resolutions():
+    """Blood, 100, hides the healthy wall, 70, so that values at the points alone say too much."""
+    shape = left_atrium_shape()
+    truth = shape.scar_fractions()
+    image = Volume.from_image(make_lge_volume(shape, noise=2.0, margin=4.0))
+    for points in (3000, 6000, 12000):
+        surface = with_regions(make_phantom(points))
+        surface = project(surface, image).on(surface)
+        rule = Rule.parse("iir=1.2")
+        found = measure_fibrosis(surface, "LGE", rule, given_blood_pool(100.0, 2.0), volume=image)
+        assert found.sampled_mm <= 0.625
+        for region, share in truth.items():
+            assert found.part("region", region).beyond_percent == pytest.approx(100.0 * share, abs=1.0)
+        coarse = measure_fibrosis(surface, "LGE", rule, given_blood_pool(100.0, 2.0))
+        assert coarse.sampled_mm is None
+        if points == 3000:
+            assert max(coarse.part("region", r).beyond_percent - 100.0 * truth[r] for r in truth) > 1.0
+
+
+def test_scar_in_regions_of_the_map_is_what_the_phantom_has_in_them():
+    phantom = make_phantom(5000)
+    image = Volume.from_image(make_lge_volume(phantom.shape, noise=2.0, margin=4.0))
+    surface = project(phantom.surface, image).on(phantom.surface)
+    flat_map = flatten(surface, phantom.seeds)
+    parcels = {"halves": ((flat_map.regions <= 2).astype(int), {1: "low"})}
+    pool = given_blood_pool(100.0, 2.0)
+    found = measure_fibrosis(flat_map, "LGE", Rule.parse("iir=1.2"), pool, volume=image, parcels=parcels)
+    triangles = surface.points[flat_map.triangles]
+    k = np.arange(6)
+    places = np.array([(a + 1 / 3, b + 1 / 3, 6 - a - b - 2 / 3) for a in k for b in k if a + b < 6]) / 6.0
+    points = np.einsum("sj,mjd->msd", places, triangles)
+    scar = phantom.shape.scar(points.reshape(-1, 3)).reshape(points.shape[:2]).mean(axis=1)
+    areas = surface.with_triangles(flat_map.triangles).triangle_areas
+    for region in range(1, 6):
+        own = flat_map.regions == region
+        truth = 100.0 * float(scar[own] @ areas[own] / areas[own].sum())
+        assert found.part("region", region).beyond_percent == pytest.approx(truth, abs=1.0)
+    low = sum(found.part("region", region).class_cm2[1] for region in (1, 2))
+    assert found.part("halves", 1).class_cm2[1] == pytest.approx(low)
+
+
+def test_an_image_that_the_array_is_not_of_is_not_sampled(phantom):
+    image = Volume.from_image(make_lge_volume(phantom.shape, spacing=(2.0, 2.0, 2.0), margin=4.0))
+    other = replace(image, values=image.values * 1.1)
+    surface = project(phantom.surface, image).on(phantom.surface)
+    rule = Rule("value", (120.0,))
+    alone = measure_fibrosis(surface, "LGE", rule)
+    for atrium, volume in ((surface, other), (phantom.surface, image)):
+        found = measure_fibrosis(atrium, "LGE", rule, volume=volume)
+        assert found.sampled_mm is None
+    assert measure_fibrosis(surface, "LGE", rule, volume=other).parts == alone.parts
+    assert measure_fibrosis(surface, "LGE", rule, volume=image).parts != alone.parts
 
 
 def test_parts_add_up_to_the_whole(phantom, phantom_map):

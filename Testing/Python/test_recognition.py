@@ -54,7 +54,12 @@ def test_message_names_the_cause():
         recognise(directions * [-1, 1, 1], [20.0] * 5, LEFT_ATRIUM)
     with pytest.raises(SurfaceError, match="as in RAS"):
         recognise(directions * [-1, -1, 1], [20.0] * 5, LEFT_ATRIUM)
-    turned = Rotation.from_euler("x", 90, degrees=True).apply(directions)
+    x, y, z = directions.T
+    carto = np.stack([x, z, -y], axis=1)
+    for space in ("LPS", "RAS"):
+        with pytest.raises(SurfaceError, match=r"axes of CARTO .* --axes CARTO"):
+            recognise(carto, [20.0] * 5, LEFT_ATRIUM, space)
+    turned = Rotation.from_euler("z", 90, degrees=True).apply(directions)
     with pytest.raises(SurfaceError, match=r"turned by 9[0-9] degrees|turned by 8[0-9] degrees"):
         recognise(turned, [20.0] * 5, LEFT_ATRIUM)
     with pytest.raises(VeinsMissingError, match=r"Expected 5 .* found 4"):
@@ -94,3 +99,17 @@ def test_layout_belongs_to_an_anatomy():
         Anatomy.from_dict(data)
     with pytest.raises(SurfaceError, match="states no layout"):
         recognise(LAYOUT, [20.0] * 5, Anatomy.from_dict(LEFT_ATRIUM.to_dict() | {"layout": {}}))
+
+
+def test_of_two_open_rims_that_fit_a_vein_the_wider_is_it():
+    exact = LAYOUT.copy()
+    off = exact[HOLES.index("RIPV")] + [0.02, 0.05, 0.02]
+    directions = np.concatenate([exact, [off / np.linalg.norm(off)]])
+    rises = [np.inf] * 6
+    right = HOLES.index("RIPV")
+    found = recognise(directions, rises, LEFT_ATRIUM, "LPS", [60.0] * 5 + [80.0])
+    assert found.index["RIPV"] == 5
+    assert found.confidence == "low"
+    assert any("80 mm round" in note for note in found.notes)
+    for perimeters in ([60.0] * 6, [60.0] * 5 + [40.0], [60.0] * 5 + [np.nan], None):
+        assert recognise(directions, rises, LEFT_ATRIUM, "LPS", perimeters).index["RIPV"] == right

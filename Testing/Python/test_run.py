@@ -28,7 +28,7 @@ def run(files, *options):
     ("options", "words"),
     [
         (("--rule", "iir=1.2"), "give the image with --volume"),
-        (("--array", "LGE"), "give that with --second"),
+        (("--parcellation", "vein_segments"), "give the image with --volume"),
         (("--second-array", "LGE"), "give that with --second"),
         (("--second", "MAP", "--array", "Bipolar"), 'no array "Bipolar"'),
         (("--second", "MAP", "--second-array", "Bipolar"), 'no array "Bipolar"'),

@@ -108,3 +108,18 @@ def test_an_image_without_any_value_is_refused(phantom):
     blank = Volume(np.full((20, 20, 20), np.nan), np.full(3, 8.0), points.min(axis=0) - 10.0, np.eye(3))
     with pytest.raises(InputFileError, match="all are NaN"):
         project(phantom.surface, blank)
+
+
+@pytest.mark.parametrize("kind", [np.int16, np.float32])
+def test_samples_along_lines_are_those_at_their_places(kind):
+    volume = Volume.from_image(make_image(kind))
+    rng = np.random.default_rng(6)
+    starts = volume.positions(rng.uniform(-1.0, 7.0, (SAMPLES_AT_ONCE + 40, 3)))
+    directions = rng.normal(size=starts.shape)
+    along = np.linspace(-3.0, 2.0, 5)
+    found = volume.sample_lines(starts, directions, along)
+    there = np.stack([volume.sample(starts + distance * directions) for distance in along])
+    assert np.array_equal(np.isnan(found), np.isnan(there))
+    assert 0.05 < np.isfinite(found).mean() < 0.95
+    known = np.isfinite(there)
+    assert np.abs(found - there)[known].max() < 1e-9 * np.abs(there[known]).max()

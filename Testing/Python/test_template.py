@@ -198,3 +198,34 @@ def test_no_algorithm_names_a_vein():
         if path.name != "anatomy.py" and path.parent.name != "phantom":
             found = [line for line in path.read_text(encoding="utf-8").splitlines() if names.search(line)]
             assert not found, f"{path.name}: {found[0].strip()}"
+
+
+@pytest.mark.parametrize("name", ["population", "adapted1"])
+def test_numbers_follow_from_the_ratios_in_the_document(name):
+    """Docs/templates.md: radii and places of the holes from the published ratios and the numbers that were chosen."""
+    template = Template.load(name)
+    centre = {hole: np.array(rim.shape.centre) for hole, rim in template.holes.items()}
+    radius = {hole: rim.shape.semi_axes[0] for hole, rim in template.holes.items()}
+    for hole, ratio in {"LIPV": 1.0, "LSPV": 1.1, "RIPV": 1.1, "RSPV": 1.35, "LAA": 1.35}.items():
+        assert radius[hole] == pytest.approx(0.030 * ratio)
+    width = 0.455
+    carina = 0.175 if name == "adapted1" else width / 3.75
+    left, right = (-0.25, 0.205) if name == "adapted1" else _places_half_as_far(width, radius["LSPV"], radius["RSPV"])
+    assert right - left == pytest.approx(width)
+    up = (1.2 if name == "adapted1" else 1.6) * carina
+    expected = {
+        "LSPV": (left, -0.0125 + carina / 2),
+        "LIPV": (left, -0.0125 - carina / 2),
+        "RSPV": (right, -0.0125 + 1.1 * carina / 2),
+        "RIPV": (right, -0.0125 - 1.1 * carina / 2),
+        "LAA": (left - 0.03, -0.0125 + carina / 2 + up),
+    }
+    for hole, place in expected.items():
+        np.testing.assert_allclose(centre[hole], place, atol=5e-4)
+
+
+def _places_half_as_far(width, left_radius, right_radius):
+    """x of the veins, so that the gap to the outer rim is half as large on the left as on the right."""
+    # 0.5 + left - left_radius = (0.5 - right - right_radius) / 2, and right = left + width.
+    left = (0.5 * (0.5 - width - right_radius) - 0.5 + left_radius) / 1.5
+    return left, left + width
