@@ -29,6 +29,7 @@ bench: $(VENV)/bench.stamp
 	$(BIN)/python Testing/Benchmarks/bench_stress.py
 	$(BIN)/python Testing/Benchmarks/bench_labels.py
 	$(BIN)/python Testing/Benchmarks/bench_preparation.py
+	$(BIN)/python Testing/Benchmarks/bench_peers.py
 
 # How quickly the map follows a seed that is dragged in the panel.
 bench-drag: $(VENV)/test.stamp

@@ -6,6 +6,7 @@ import csv
 import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -113,7 +114,8 @@ class Fibrosis:
 
     def class_label(self, index: int) -> str:
         """A class with its limits, as in "border zone (120 to 132)"."""
-        return f"{self.class_names[index]} ({limits_text(self.thresholds, self.rule.direction, self.unit, index)})"
+        limits = limits_in_words(self.thresholds, self.rule.direction, self.unit)
+        return f"{self.class_names[index]} ({limits[index]})"
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON; numbers that do not exist are None (see Docs/formats.md)."""
@@ -267,15 +269,18 @@ def measure_fibrosis(
     return Fibrosis(array, unit, rule, thresholds, names, blood_pool, sampled_mm, tuple(parts), tuple(notes))
 
 
-def limits_text(thresholds: Sequence[float], direction: str, unit: str, index: int) -> str:
-    """The limits of a class in words, normal first, as in "120 to 132"."""
-    limits, unit = [readable(limit) for limit in thresholds], f" {unit}" if unit else ""
-    above = direction == "above"
-    if index == 0:
-        return f"{'<' if above else '≥'} {limits[0]}{unit}"
-    if index == len(limits):
-        return f"{'≥' if above else '<'} {limits[-1]}{unit}"
-    return " to ".join(limits[index - 1 : index + 1] if above else limits[index - 1 : index + 1][::-1]) + unit
+def limits_in_words(thresholds: Sequence[float], direction: str, unit: str = "") -> list[str]:
+    """The limits of each class, from normal on.
+
+    Examples
+    --------
+    >>> limits_in_words([0.5, 0.1], "below", "mV")
+    ['≥ 0.5 mV', '0.1 to 0.5 mV', '< 0.1 mV']
+    """
+    limits, above = [readable(limit) for limit in thresholds], direction == "above"
+    inner = [" to ".join(pair if above else pair[::-1]) for pair in pairwise(limits)]
+    texts = [f"{'<' if above else '≥'} {limits[0]}", *inner, f"{'≥' if above else '<'} {limits[-1]}"]
+    return [f"{text} {unit}" if unit else text for text in texts]
 
 
 def on_atrium(atrium: FlatMap | MapData | Surface) -> tuple[Surface, MapData | None]:
@@ -333,7 +338,7 @@ __all__ = [
     "Fibrosis",
     "Part",
     "Rule",
-    "limits_text",
+    "limits_in_words",
     "measure_fibrosis",
     "on_atrium",
 ]

@@ -2,7 +2,7 @@
 
 A `Section` holds words, tables and pictures; `write_report` makes one page of several. Pictures are within the file,
 all text is escaped, and a content security policy keeps the browser from loading anything. What each step of a run
-has to say is put into sections by `LAFlatteningLib.report_sections`.
+has to say is put into sections by `LAFlatteningLib.run_report`.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ from .quantities import readable
 DISCLAIMER = "Not a medical device. For research."
 _KINDS = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".svg": "image/svg+xml"}
 _NONE = "–"
+SHORT_ROWS = 16
+"""Longer tables may go over several pages."""
 
 _STYLE = """
 :root { color-scheme: light; }
@@ -39,6 +41,7 @@ p { margin: .5rem 0; max-width: 48rem; }
 .warnings h2 { margin: 0 0 .3rem; border: 0; font-size: 1.05rem; }
 .warnings ul { margin: 0; padding-left: 1.2rem; }
 .fine { background: #e8f4ec; border-left: 6px solid #2f7d4f; margin: 1rem 0; padding: .6rem 1rem; }
+.inputs { font-weight: 600; }
 .wide { overflow-x: auto; }
 table { border-collapse: collapse; margin: .8rem 0; font-variant-numeric: tabular-nums; }
 caption { text-align: left; font-weight: 600; padding-bottom: .3rem; }
@@ -52,10 +55,25 @@ figcaption { color: #4d4d4d; font-size: .9rem; }
 @media print {
   body { font-size: 10.5pt; margin: 0; max-width: none; padding: 0; }
   h2 { break-after: avoid; }
-  figure, tr, .warnings { break-inside: avoid; }
+  figure, tr, .short, .warnings { break-inside: avoid; }
+  thead, caption, tbody tr:first-child { break-after: avoid; }
   .warnings, .fine { print-color-adjust: exact; -webkit-print-color-adjust: exact; }
 }
 """
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """A number with as many decimals as the others of its column; None is written as a dash."""
+
+    value: float | None
+    decimals: int = 1
+
+    def __str__(self) -> str:
+        if self.value is None or math.isnan(self.value):
+            return _NONE
+        # Never "-0.0".
+        return f"{round(self.value, self.decimals) + 0.0:.{self.decimals}f}"
 
 
 @dataclass(frozen=True)
@@ -65,7 +83,8 @@ class Table:
     Attributes
     ----------
     columns : headings, with units ("length (mm)").
-    rows : as long as `columns`. Numbers are written with four digits; None and NaN as a dash; True as yes.
+    rows : as long as `columns`. Numbers are written with four digits, or as they are `Fixed`; None and NaN as a dash;
+        True as yes.
     caption : what the table is of.
     """
 
@@ -135,7 +154,7 @@ def make_html(
 ) -> str:
     """The report as text; parameters and errors as for `write_report`."""
     names = ", ".join(_file_name(name) for name in inputs)
-    about = f"LAFlattening {__version__}, {(day or date.today()).isoformat()}" + (f". Input: {names}" if names else "")
+    about = f"LAFlattening {__version__}, {(day or date.today()).isoformat()}"
     warnings = [f"{section.title}: {warning}" for section in sections for warning in section.warnings]
     parts = [
         "<!DOCTYPE html>",
@@ -145,6 +164,7 @@ def make_html(
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
         f"<title>{html.escape(title)}</title><style>{_STYLE}</style></head><body>",
         f"<h1>{html.escape(title)}</h1>",
+        *([f'<p class="inputs">Input: {html.escape(names)}</p>'] if names else []),
         f'<p class="about">{html.escape(about)}</p>',
         f'<p class="disclaimer">{DISCLAIMER}</p>',
     ]
@@ -171,28 +191,20 @@ def _table(table: Table) -> str:
         and all(_is_number(row[k]) or row[k] is None for row in table.rows)
         for k in range(len(table.columns))
     ]
-    columns = [_column([row[k] for row in table.rows]) for k in range(len(table.columns))]
     marks = [' class="number"' if number else "" for number in numeric]
     head = "".join(
         f'<th scope="col"{mark}>{html.escape(column)}</th>' for column, mark in zip(table.columns, marks, strict=True)
     )
     rows = "".join(
         "<tr>"
-        + "".join(f"<td{mark}>{html.escape(value)}</td>" for value, mark in zip(row, marks, strict=True))
+        + "".join(f"<td{mark}>{html.escape(_value(value))}</td>" for value, mark in zip(row, marks, strict=True))
         + "</tr>\n"
-        for row in zip(*columns, strict=True)
+        for row in table.rows
     )
     caption = f"<caption>{html.escape(table.caption)}</caption>" if table.caption else ""
-    return f'<div class="wide"><table>{caption}<thead><tr>{head}</tr></thead><tbody>\n{rows}</tbody></table></div>'
-
-
-def _column(values: Sequence[Any]) -> list[str]:
-    """Values as text; of fractions alone, each with as many decimals as the one that has most, so that they align."""
-    texts = [_value(value) for value in values]
-    if not all(value is None or isinstance(value, float) for value in values) or any("e" in text for text in texts):
-        return texts
-    decimals = max((len(text.partition(".")[2]) for text in texts), default=0)
-    return [text if text == _NONE else f"{float(text):.{decimals}f}" for text in texts]
+    # A short table stays on one page when it is printed.
+    kind = "wide short" if len(table.rows) <= SHORT_ROWS else "wide"
+    return f'<div class="{kind}"><table>{caption}<thead><tr>{head}</tr></thead><tbody>\n{rows}</tbody></table></div>'
 
 
 def _picture(picture: Picture) -> str:
@@ -211,7 +223,7 @@ def _picture(picture: Picture) -> str:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
+    return isinstance(value, (int, float, Fixed)) and not isinstance(value, bool)
 
 
 def _value(value: Any) -> str:

@@ -21,6 +21,7 @@ from . import (
     gaps,
     info,
     measure,
+    peers,
     prepare,
     project,
     run,
@@ -31,7 +32,7 @@ from .progress import Progress
 BAD_INPUT = 2
 """Exit code for input that cannot be used."""
 
-COMMANDS = (run, prepare, flatten, project, fibrosis, gaps, compare, measure, distortion, texture, demo, info)
+COMMANDS = (run, prepare, flatten, project, fibrosis, gaps, compare, measure, distortion, texture, peers, demo, info)
 """In the order of the help."""
 
 

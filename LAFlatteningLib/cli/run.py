@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 from ..analysis_figures import draw_comparison, draw_difference, draw_fibrosis
@@ -15,7 +16,7 @@ from ..fibrosis import Rule, measure_fibrosis
 from ..figures import check_figure_path
 from ..files import atomic_write, check_writable, read_surface, read_volume
 from ..flattening import METHODS, FlatMap, Flattener
-from ..gaps import find_gaps
+from ..gaps import GapReport, find_gaps
 from ..gaps.figures import draw_gaps
 from ..gaps.search_areas import SEARCH_MM
 from ..map_data import MapData
@@ -47,6 +48,8 @@ SECOND_FILES = ("comparison.json", "comparison.csv", "comparison.png", "differen
 """Also written where a second map is given."""
 ARRAY = "LGE"
 """Point array of the projected intensities."""
+BY_TEMPLATE = "vein_surroundings"
+"""Parcellation in which gaps are looked for where `SEARCH_MM` is too much."""
 DEFAULT_RULE = "sd=2.3,3.3"
 """Common classes of fibrosis that hold for intensities on any scale."""
 
@@ -120,6 +123,7 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
         path.unlink(missing_ok=True)
     preparation = Preparation(surface, repairs=notes)
     pool = None
+    searched: list[str] = []
     try:
         prepare(surface, settings, tips=tips, planes=planes, into=preparation, progress=part(progress, 0.1, 0.45))
         try:
@@ -135,7 +139,10 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
         write_map(flat_map, files["map.vtp"], files["metrics.json"], files["figure.png"], options.array, progress)
         if volume is not None:
             progress(0.75, "Measuring fibrosis and gaps")
-            preparation.repairs += _measure(flat_map, volume, rule, pool, parcellations, files)
+            searched = _measure(flat_map, volume, rule, pool, parcellations, files)
+            if not files["gaps.json"].exists():
+                # There is no other place to say why.
+                preparation.repairs, searched = preparation.repairs + searched, []
         if second is not None:
             progress(0.9, "Comparing")
             _compare(flat_map, second, options, files)
@@ -147,6 +154,8 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
     write_run_report(folder, files["report.html"], inputs=inputs)
     progress.clear()
     report_preparation(preparation)
+    for note in searched:
+        print(f"Note: {note}")
     report_map(flat_map, [str(path) for path in files.values() if path.exists()])
 
 
@@ -190,15 +199,7 @@ def _measure(
 ) -> list[str]:
     """Write fibrosis by region, and gaps at its first threshold; returns what could not be measured."""
     fibrosis = measure_fibrosis(flat_map, ARRAY, rule, pool, parcels=parcels_of(flat_map, parcellations), volume=volume)
-    notes = []
-    gaps = None
-    # In a narrow atrium the areas round veins may run into another opening; those drawn on the template do less often.
-    for search in (SEARCH_MM, "vein_surroundings"):
-        try:
-            gaps = find_gaps(flat_map, ARRAY, fibrosis.thresholds[:1], search=search)
-            break
-        except SurfaceError as error:
-            notes.append(f"Gaps round the veins were not measured with the search area {search}: {error}")
+    gaps, notes = search_gaps(flat_map, fibrosis.thresholds[0])
     with ExitStack() as written:
         page = written.enter_context(atomic_write(files["fibrosis.png"]))
         draw_fibrosis(flat_map, fibrosis, page, parcellations=parcellations)
@@ -211,6 +212,30 @@ def _measure(
             written.enter_context(atomic_write(files[name])).write_text(text, encoding="utf-8")
         written.enter_context(atomic_write(files["fibrosis.csv"])).write_text(fibrosis.to_csv(), encoding="utf-8")
     return notes
+
+
+def search_gaps(flat_map: FlatMap, threshold: float) -> tuple[GapReport | None, list[str]]:
+    """Gaps round the veins, if possible within `SEARCH_MM` of them; and what the user should know of the search.
+
+    In a narrow atrium these areas may run into another opening; those that are drawn on the template do less often.
+    """
+    notes = []
+    for search, where in (
+        (SEARCH_MM, f"within {SEARCH_MM:g} mm of"),
+        (BY_TEMPLATE, "in the areas of the template round"),
+    ):
+        try:
+            gaps = find_gaps(flat_map, ARRAY, (threshold,), search=search)
+        except SurfaceError as error:
+            notes.append(f"Gaps were not looked for {where} the veins: {error}")
+            continue
+        if notes:
+            notes.append(
+                "They were looked for in the areas that are drawn round the veins on the template instead, of which "
+                "the width in mm differs from atrium to atrium: compare their lengths with other atria with care."
+            )
+        return replace(gaps, notes=(*notes, *gaps.notes)), notes
+    return None, notes
 
 
 def _compare(flat_map: FlatMap, second: MapData, options: argparse.Namespace, files: dict[str, Path]) -> None:

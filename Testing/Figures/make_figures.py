@@ -14,6 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import constraints
+import others
 import overview
 import readings
 import study
@@ -32,6 +33,7 @@ FIGURES: dict[str, Callable[[Atrium], Drawn | None]] = {
     "gaps": readings.gaps,
     "lge": readings.lge,
     "lge_voltage": readings.voltage,
+    "peers": others.draw,
 }
 """Name -> what draws it for an atrium, or None where the atrium has not what it needs. In the order of the paper."""
 

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from datetime import date
 from html.parser import HTMLParser
 
@@ -14,9 +15,9 @@ from LAFlatteningLib.comparison import compare_maps
 from LAFlatteningLib.errors import InputFileError
 from LAFlatteningLib.fibrosis import Rule, measure_fibrosis
 from LAFlatteningLib.gaps import find_gaps
+from LAFlatteningLib.map_data import MapData
 from LAFlatteningLib.parcellation import parcels_of
-from LAFlatteningLib.preparation import PrepareSettings, prepare
-from LAFlatteningLib.report import DISCLAIMER, Picture, Section, Table, make_html, write_report
+from LAFlatteningLib.report import DISCLAIMER, Fixed, Picture, Section, Table, make_html, write_report
 from LAFlatteningLib.run_report import run_sections, write_run_report
 
 # The smallest picture: one black pixel.
@@ -67,7 +68,8 @@ def test_page_says_what_it_is_and_where_it_comes_from():
         )
     )
     assert DISCLAIMER in page.text
-    assert f"LAFlattening {__version__}, 2026-03-09. Input: a b.vtp, lge.nrrd" in page.text
+    assert f"LAFlattening {__version__}, 2026-03-09" in page.text
+    assert "Input: a b.vtp, lge.nrrd\n" in page.text
     assert "home" not in page.text and "D:" not in page.text
     assert "No step gave a warning." in page.text
 
@@ -104,12 +106,13 @@ def test_cells_are_written_for_people():
         ["b", "–", "no"],
         ["c", "–", "–"],
     ]
-    shares = Table(["share (%)", "mixed"], [[68.0, 1], [9.25, 0.5], [None, None]])
-    assert Page(make_html("t", [Section("s", tables=[shares])])).rows[1:] == [
-        ["68.00", "1"],
-        ["9.25", "0.5"],
-        ["–"] * 2,
-    ]
+
+
+def test_numbers_of_a_column_have_as_many_decimals():
+    values = [Fixed(18.0), Fixed(17.94), Fixed(-0.04), Fixed(None), Fixed(float("nan")), Fixed(0.1936, 3)]
+    html = make_html("t", [Section("s", tables=[Table(["share (%)"], [[value] for value in values])])])
+    assert Page(html).rows[1:] == [["18.0"], ["17.9"], ["0.0"], ["–"], ["–"], ["0.194"]]
+    assert html.count('class="number"') == 7
 
 
 def test_report_is_written_whole_or_not_at_all(tmp_path):
@@ -151,92 +154,88 @@ def test_gaps_are_listed_with_their_lengths(run_folder, phantom_map):
     gap = found.at(0.5)["RSPV"].gaps[0]
     assert ["RSPV", f"{gap.length_mm:.1f}", gap.segment, str(round(gap.angle_degrees))] in page.rows
     assert any(row[0] == "threshold of scar" for row in page.rows)
-    assert [section.title for section in run_sections(run_folder)] == ["Findings", "Map", "Gaps in ablation lines"]
+    assert [section.title for section in run_sections(run_folder)] == ["Summary", "Map", "Gaps in ablation lines"]
     for note in found.notes:
         assert note in page.text
 
 
-def rows_of(page):
-    return {row[0]: row[1:] for row in page.rows}
-
-
-def test_fibrosis_is_shown_by_class_and_part(run_folder, phantom_map):
-    rule, pool = Rule("iir", (1.2, 1.32)), BloodPool(100.0, 8.0, "by hand")
-    found = measure_fibrosis(phantom_map, "LGE", rule, pool, parcels=parcels_of(phantom_map, ["vein_segments"]))
+def test_fibrosis_is_a_table_of_classes_by_region_and_sub_region(run_folder, phantom_map):
+    parcels = parcels_of(phantom_map, ["vein_segments"])
+    pool = BloodPool(100.0, 4.0, "example", volume_ml=12.3)
+    found = measure_fibrosis(phantom_map, "LGE", Rule.parse("iir=1.2,1.32"), pool, parcels=parcels)
     (run_folder / "fibrosis.json").write_text(json.dumps(found.to_dict()))
     page = Page(write_run_report(run_folder).read_text(encoding="utf-8"))
-    rows = rows_of(page)
-    assert rows["part"] == ["area (cm2)", "normal (%)", "border zone (%)", "dense fibrosis (%)", "mean"]
-    wall = found.part("region", 2)
-    shares = [f"{share:.1f}" for share in wall.class_percent]
-    assert rows["R2 posterior wall and floor"][1:4] == shares
-    assert "left superior (vein_segments)" in rows
-    whole = found.atrium
-    assert [rows[name] for name in found.class_names] == [
-        [limits, f"{area:.1f}", f"{share:.1f}"]
-        for limits, area, share in zip(
-            ("< 120", "120 to 132", "≥ 132"), whole.class_cm2, whole.class_percent, strict=True
-        )
-    ]
-    assert rows["LGE: dense fibrosis (≥ 132)"] == [
-        f"{whole.class_percent[2]:.1f} % of the wall, {whole.class_cm2[2]:.1f} cm2"
-    ]
-    assert "1.2 and 1.32 times the mean of the blood pool" in page.text
-    assert "Blood pool: mean 100, SD 8 (by hand)" in page.text
-    assert "No step gave a warning" in page.text
+    assert ["part", "area (cm2)", "mean", "normal (%)", "border zone (%)", "dense fibrosis (%)"] in page.rows
+    for part, name in ((found.atrium, "whole atrium"), (found.part("region", 5), "R5 posterior wall between the veins"),
+                       (found.part("vein_segments", 3), "3 left anterior carina")):  # fmt: skip
+        row = next(row for row in page.rows if row[0] == name and len(row) == 6)
+        numbers = [part.area_cm2, part.mean, *part.class_percent]
+        assert [float(cell) for cell in row[1:]] == pytest.approx(numbers, abs=0.06)
+    assert "border zone (120 to 132)" in page.text
+    assert "mean 100, SD 4 (example, 12.3 ml)" in page.text
+    titles = [section.title for section in run_sections(run_folder)]
+    assert titles == ["Summary", "Map", "Fibrosis"]
+    assert any(row[0] == "most affected region" for row in page.rows)
 
 
-def test_missing_values_and_low_voltage_are_named(run_folder, phantom_map):
-    voltage = 3.0 - phantom_map.surface.point_data["LGE"] / 60.0
-    voltage[phantom_map.surface.points[:, 2] > 95.0] = np.nan
-    surface = phantom_map.to_surface().with_data({"Bipolar": voltage})
-    found = measure_fibrosis(surface, "Bipolar", Rule("value", (1.0, 0.5), "below"))
+def test_voltage_has_its_unit_and_name(run_folder, phantom_map):
+    surface = phantom_map.surface.with_data({"Bipolar": phantom_map.surface.point_data["LGE"] / 200.0})
+    found = measure_fibrosis(surface, "Bipolar", Rule.parse("value=0.6,0.55", "below"))
     (run_folder / "fibrosis.json").write_text(json.dumps(found.to_dict()))
     page = Page(write_run_report(run_folder).read_text(encoding="utf-8"))
-    assert rows_of(page)["part"][-1] == "no value (cm2)"
-    assert rows_of(page)["whole atrium"][-1] == f"{found.atrium.missing_cm2:.1f}"
-    assert "Low Bipolar: " + found.notes[0] in page.text
-    assert rows_of(page)["low"][0] == "0.5 to 1 mV"
+    assert ["part", "area (cm2)", "mean (mV)", "normal (%)", "low (%)", "scar (%)"] in page.rows
+    assert "low (0.55 to 0.6 mV)" in page.text
+    assert "Low voltage" in [section.title for section in run_sections(run_folder)]
 
 
-def test_comparison_is_shown_by_region(run_folder, phantom_map):
+def test_a_comparison_says_what_is_compared(run_folder, phantom_map):
     found = compare_maps(phantom_map, phantom_map, "LGE", "scar", 120.0, 0.5)
-    content = {"a": "before.vtp", "b": "after.vtp", **found.to_dict()}
+    content = {"a": "x/map.vtp", "b": "y/map.vtp", **found.to_dict()}
     (run_folder / "comparison.json").write_text(json.dumps(content))
     page = Page(write_run_report(run_folder).read_text(encoding="utf-8"))
-    row = rows_of(page)["R4 anterior wall"]
-    part = next(part for part in found.parts if part.region == 4)
-    assert row[1:3] == [f"{part.pearson:.3f}", f"{part.spearman:.3f}"]
-    assert row[-1] == f"{part.dice:.3f}"
-    assert "A is LGE of before.vtp, B is scar of after.vtp" in page.text
-    assert "A from 120 and B from 0.5" in page.text
-    assert "percentiles" in page.text
+    assert "A is LGE of x/map.vtp, B is scar of y/map.vtp" in page.text
+    row = next(row for row in page.rows if row[0] == "R5 posterior wall between the veins")
+    assert float(row[2]) == pytest.approx(found.parts[5].pearson, abs=0.001)
+    assert any("B - A (percentiles)" in row for row in page.rows)
+    assert any("ranks" in text for text in run_sections(run_folder)[-1].warnings)
 
 
-def test_repairs_and_doubts_of_the_preparation_are_warnings(run_folder, phantom):
-    prepared = prepare(phantom.surface, PrepareSettings(points=0))
-    content = {**prepared.report(), "repairs": ["The atrium may be cut off."], "notes": [], "confidence": "low"}
+def test_scar_of_voltages_times_and_the_difference_are_named(run_folder, phantom_map):
+    data = MapData.of(phantom_map)
+    arrays = {"Bipolar": 3.0 - data.surface.point_data["LGE"] / 60.0, "LAT": data.surface.point_data["LGE"]}
+    data = replace(data, surface=data.surface.with_data(arrays))
+    (run_folder / "gaps.json").write_text(json.dumps(find_gaps(data, "Bipolar", [1.0]).to_dict()))
+    late = measure_fibrosis(data, "LAT", Rule("value", (120.0,)))
+    (run_folder / "fibrosis.json").write_text(json.dumps(late.to_dict()))
+    found = compare_maps(data, data, "LAT", "LAT")
+    (run_folder / "comparison.json").write_text(json.dumps({"a": "x", "b": "y", **found.to_dict()}))
+    for name in ("comparison.png", "difference.png"):
+        (run_folder / name).write_bytes(PNG)
+    page = Page(write_run_report(run_folder).read_text(encoding="utf-8"))
+    assert "Scar is Bipolar below 1 mV." in page.text
+    assert "Without an ablation round the veins these figures say nothing" in page.text
+    sections = {section.title: section for section in run_sections(run_folder)}
+    assert "LAT" in sections and "Fibrosis" not in sections
+    assert [picture.path.name for picture in sections["Comparison"].pictures] == ["comparison.png", "difference.png"]
+
+
+def test_what_was_mended_and_is_doubtful_comes_first(run_folder):
+    content = {
+        "space": "LPS",
+        "repairs": ["Cut a bridge 4.7 mm wide between LSPV and LAA."],
+        "notes": ["RIPV could also be taken otherwise; check which is which."],
+        "confidence": "low",
+        "planes": {
+            "RSPV": {"centre_mm": [25.6, 43.7, 80.4], "found_by": "ostium", "perimeter_mm": 48.6, "kept_mm": 3.0}
+        },
+        "cavity": {"area_cm2": 77.25, "volume_ml": 57.4},
+    }
     (run_folder / "prepare.json").write_text(json.dumps(content))
     page = Page(write_run_report(run_folder).read_text(encoding="utf-8"))
-    assert "Preparation of the atrium: The atrium may be cut off." in page.text
-    assert "Preparation of the atrium: It is not certain which opening is which" in page.text
-    assert "No step gave a warning" not in page.text
-    length = prepared.cavity.loop_length(prepared.rims["MV"])
-    assert rows_of(page)["MV"][:2] == ["open", f"{length:.1f}"]
-
-
-def test_findings_come_first_and_results_of_another_kind_are_refused(run_folder, phantom_map):
-    assert [section.title for section in run_sections(run_folder)] == ["Map"]
-    found = find_gaps(phantom_map, "scar", [0.5])
-    (run_folder / "gaps.json").write_text(json.dumps(found.to_dict()))
-    assert [section.title for section in run_sections(run_folder)][:2] == ["Findings", "Map"]
-    rows = rows_of(Page(write_run_report(run_folder).read_text(encoding="utf-8")))
-    assert rows["Scar round RIPV"] == ["complete"]
-    ring = found.at(0.5)["left"]
-    assert f"{ring.gap_length_mm:.1f} mm (RGM {ring.rgm:.2f})" in rows["Scar round the left veins together"][0]
-    (run_folder / "fibrosis.json").write_text('{"rule": "iir"}')
-    with pytest.raises(InputFileError, match="something of them is missing"):
-        run_sections(run_folder)
+    for words in (*content["repairs"], *content["notes"], "not sure which opening is which"):
+        assert page.text.index(words) < page.text.index("Quality of the map")
+    assert ["RSPV", "cut at its ostium, found by rule", "48.6", "3.0", "26, 44, 80"] in page.rows
+    assert "77.2 cm2 of wall and 57 ml" in page.text
 
 
 def test_notes_of_the_map_are_warnings(run_folder, phantom_map):
