@@ -45,6 +45,8 @@ from LAFlatteningScene.sample_data import loadSample
 from LAFlatteningScene.seed_logic import SeedLogic
 from LAFlatteningScene.seed_nodes import seedPositions
 from LAFlatteningScene.surface_nodes import Settings, SurfaceCache
+from LAFlatteningScene.template_logic import TemplateLogic
+from LAFlatteningScene.template_text import IsTemplate, textOf
 from LAFlatteningWidgets import (
     AnalyseSection,
     ExportSection,
@@ -54,9 +56,9 @@ from LAFlatteningWidgets import (
     PrepareSection,
     QualitySection,
     SeedSection,
+    TemplateSection,
 )
 
-from LAFlatteningLib import builtin_templates
 from LAFlatteningLib.cavity.plan import KEEP_MM
 from LAFlatteningLib.fibrosis import DIRECTIONS, RULES
 from LAFlatteningLib.flattening import METHODS
@@ -78,7 +80,9 @@ class LAFlatteningParameterNode:
     seeds : the nine seeds.
     map : the map that is made and kept up to date.
     metrics : quality of the map.
-    template : name of a built-in template (the Logic also takes the path of a template file).
+    template : name of a built-in template, or the content of a template file (JSON).
+    ownTemplate : the user's template that was used last, likewise; empty before there is one.
+    editTemplate : handles on the map move holes and mitral feet of the template.
     method : "regional" or "paper".
     checkAxes : refuse seeds that contradict the patient axes; False for coordinates that are none.
     diskDiameter : of the map, mm.
@@ -112,7 +116,9 @@ class LAFlatteningParameterNode:
     seeds: vtkMRMLMarkupsFiducialNode
     map: vtkMRMLModelNode
     metrics: vtkMRMLTableNode
-    template: Annotated[str, Choice(builtin_templates())] = "adapted1"
+    template: Annotated[str, IsTemplate()] = "adapted1"
+    ownTemplate: str = ""
+    editTemplate: bool = False
     method: Annotated[str, Choice(METHODS)] = "regional"
     checkAxes: bool = True
     diskDiameter: Annotated[float, WithinRange(10.0, 1000.0)] = 100.0
@@ -140,13 +146,14 @@ class LAFlatteningParameterNode:
     exportDirectory: Path
 
 
-class LAFlatteningLogic(ScriptedLoadableModuleLogic, SeedLogic, PrepareLogic, AnalysisLogic):  # noqa: F405
+class LAFlatteningLogic(ScriptedLoadableModuleLogic, SeedLogic, PrepareLogic, AnalysisLogic, TemplateLogic):  # noqa: F405
     """What the module does, on MRML nodes; usable from the console.
 
     Positions are RAS, mm, world coordinates: parent transforms of surface and seeds count, nonlinear ones too.
     Errors of the library (`LAFlatteningLib.errors`) pass through unchanged. What it does with seeds
     (create, place, snap, check) is in `LAFlatteningScene.seed_logic`, how it makes an atrium of a raw one in
-    `LAFlatteningScene.prepare_logic`, what it reads off a map in `LAFlatteningScene.analysis_logic`.
+    `LAFlatteningScene.prepare_logic`, what it reads off a map in `LAFlatteningScene.analysis_logic`, how it edits
+    templates in `LAFlatteningScene.template_logic`.
 
     Attributes
     ----------
@@ -182,7 +189,8 @@ class LAFlatteningLogic(ScriptedLoadableModuleLogic, SeedLogic, PrepareLogic, An
         Parameters
         ----------
         outputNode : the map to replace; None makes a new one, "<surface> map".
-        template, method, checkAxes : as for `LAFlatteningLib.Flattener`.
+        template : the name of a built-in template, the path of a template file, or the content of one (JSON).
+        method, checkAxes : as for `LAFlatteningLib.Flattener`.
         diskDiameter : of the map, mm.
         progress : called with the share done (0 to 1) and what is being done; returning False cancels.
 
@@ -195,7 +203,7 @@ class LAFlatteningLogic(ScriptedLoadableModuleLogic, SeedLogic, PrepareLogic, An
         SurfaceError, SeedError, TemplateError, FoldError : of the library.
         Cancelled : by `progress`, or because a node was deleted or the scene closed meanwhile.
         """
-        settings = Settings(template, method, checkAxes, float(diskDiameter))
+        settings = Settings(textOf(template), method, checkAxes, float(diskDiameter))
         return makeMap(self, surfaceNode, seedsNode, outputNode, settings, progress)
 
     def flattenParameters(
@@ -222,7 +230,7 @@ class LAFlatteningLogic(ScriptedLoadableModuleLogic, SeedLogic, PrepareLogic, An
 
         Parameters and errors as for `flatten`.
         """
-        settings = Settings(template, method, checkAxes, float(diskDiameter))
+        settings = Settings(textOf(template), method, checkAxes, float(diskDiameter))
         checkOutput(mapNode)
         flatMap = self.cache.flattener(surfaceNode, settings).preview(seedPositions(seedsNode))
         writeMap(mapNode, flatMap, surfaceNode, settings, "preview")
@@ -291,6 +299,10 @@ class LAFlatteningLogic(ScriptedLoadableModuleLogic, SeedLogic, PrepareLogic, An
     def showLayout(self) -> None:
         """Show the atrium left and the map right."""
         views.showLayout()
+        self.updateViews()
+
+    def updateViews(self) -> None:
+        """Show what belongs into each of the linked views, after nodes were made that belong into one."""
         if self._linked is not None:
             self._linked.update()
 
@@ -379,7 +391,8 @@ class LAFlatteningLogic(ScriptedLoadableModuleLogic, SeedLogic, PrepareLogic, An
         """Write the map: all files or none.
 
         Files: <map>.vtp, <map>.png (with colour bar), <map> metrics.csv, <map> regions.csv, and of what was measured
-        <map> fibrosis.csv, gaps.csv, gap list.csv and comparison.csv.
+        <map> fibrosis.csv, gaps.csv, gap list.csv and comparison.csv; with the .vtp, <map> template.json if the
+        template is not a built-in one.
 
         Raises
         ------
@@ -456,12 +469,13 @@ class LAFlatteningWidget(ScriptedLoadableModuleWidget, Panel):  # noqa: F405
         uiWidget.setMRMLScene(slicer.mrmlScene)
         self.logic = LAFlatteningLogic()
         self.inputs, self.seeds, self.map = InputSection(self), SeedSection(self), MapSection(self)
-        self.prepare, self.analyse = PrepareSection(self), AnalyseSection(self)
+        self.prepare, self.template, self.analyse = PrepareSection(self), TemplateSection(self), AnalyseSection(self)
         self.sections = (
             self.prepare,
             self.inputs,
             self.seeds,
             self.map,
+            self.template,
             QualitySection(self),
             self.analyse,
             ExportSection(self),

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .anatomy import ANATOMIES, Anatomy
 from .errors import TemplateError
+from .files import atomic_write
 from .schema import load_json, validate
 
 FloatArray = NDArray[np.float64]
@@ -73,6 +74,18 @@ class Shape:
         # The centre itself is on no ray: the end of the shorter axis is nearest to it.
         nearest = self.at(90.0 * int(np.argmin(self.semi_axes)))
         return np.where(scale > 0.0, self.centre + offset / np.where(scale > 0.0, scale, 1.0), nearest)
+
+    def angle_of(self, point: ArrayLike) -> float:
+        """The angle (degrees, 0 to 360) at which the ray from the centre through a point (2,) meets the outline."""
+        c, s = np.cos(np.deg2rad(self.rotation)), np.sin(np.deg2rad(self.rotation))
+        x, y = (np.asarray(point, dtype=np.float64) - self.centre) @ np.array([[c, -s], [s, c]]) / self.semi_axes
+        return float(np.rad2deg(np.arctan2(y, x)) % 360.0)
+
+    def contains(self, points: FloatArray) -> NDArray[np.bool_]:
+        """Whether points (k, 2) are inside the outline, (k,)."""
+        c, s = np.cos(np.deg2rad(self.rotation)), np.sin(np.deg2rad(self.rotation))
+        local = (points - np.asarray(self.centre)) @ np.array([[c, -s], [s, c]]) / np.asarray(self.semi_axes)
+        return np.einsum("ij,ij->i", local, local) < 1.0
 
     def distance(self, points: FloatArray) -> FloatArray:
         """How far points (k, 2) are from the outline, measured along the ray from its centre; (k,)."""
@@ -193,6 +206,37 @@ class Template:
             data.get("source", ""),
         )
 
+    def to_dict(self) -> dict[str, Any]:
+        """The content of a template file; `from_dict` makes the same template of it."""
+        anatomy = self.anatomy
+        built_in = ANATOMIES.get(anatomy.name) == anatomy
+        data: dict[str, Any] = {"schema": template_schema()["$id"], "name": self.name}
+        data.update({key: text for key, text in (("title", self.title), ("source", self.source)) if text})
+        data["anatomy"] = anatomy.name if built_in else anatomy.to_dict()
+        data["outer"] = {"shape": _shape_to_dict(self.outer.shape), "feet": dict(self.outer.feet)}
+        data["holes"] = {
+            name: {"shape": _shape_to_dict(rim.shape), "feet": dict(rim.feet), "spread_feet": rim.spread_feet}
+            for name, rim in self.holes.items()
+        }
+        return data
+
+    def save(self, path: str | Path) -> None:
+        """Write a template file (JSON), to be loaded with `load`.
+
+        Raises
+        ------
+        TemplateError : the name is that of a built-in template, or has letters that a template file may not have.
+        InputFileError : the file cannot be written.
+        """
+        validate(self.to_dict(), template_schema())
+        if self.name in builtin_templates():
+            raise TemplateError(
+                f'name: "{self.name}" is the name of a built-in template, so that maps on this one would be taken for '
+                "maps on that one. Give it another name."
+            )
+        with atomic_write(path) as temporary:
+            temporary.write_text(json.dumps(self.to_dict(), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+
     @classmethod
     def load(cls, name_or_path: str | Path) -> Template:
         """A built-in template by name ("adapted1", "adapted2", "population") or one from a JSON file."""
@@ -204,7 +248,13 @@ class Template:
                 f'There is no template "{name_or_path}". Expected one of {", ".join(builtin_templates())}, '
                 "or the path of a template file (.json)."
             )
-        return cls.from_dict(load_json(path))
+        template = cls.from_dict(load_json(path))
+        if template.name in builtin_templates() and template != _builtin(template.name):
+            raise TemplateError(
+                f'name: "{template.name}" is the name of a built-in template with another layout than "{path}", so '
+                "that maps would be mistaken for each other. Give it another name."
+            )
+        return template
 
 
 @cache
@@ -223,6 +273,14 @@ def builtin_templates() -> tuple[str, ...]:
 @cache
 def _builtin(name: str) -> Template:
     return Template.from_dict(load_json(_FOLDER / f"{name}.json"))
+
+
+def _shape_to_dict(shape: Shape) -> dict[str, Any]:
+    centre = list(shape.centre)
+    if shape.semi_axes[0] == shape.semi_axes[1] and shape.rotation == 0.0:
+        return {"type": "circle", "centre": centre, "radius": shape.semi_axes[0]}
+    turned = {"rotation_degrees": shape.rotation} if shape.rotation else {}
+    return {"type": "ellipse", "centre": centre, "semi_axes": list(shape.semi_axes), **turned}
 
 
 def _rim(data: Mapping[str, Any], spread_feet: bool) -> Rim:
@@ -262,23 +320,23 @@ def _check(template: Template) -> None:
                 f"{field}.feet: angles out of order; counter-clockwise expected {', '.join(order)}, found "
                 f"{', '.join(sorted(order, key=lambda path: rim.feet[path] % 360))}."
             )
-    outlines = {hole: template.holes[hole].shape.outline() for hole in anatomy.holes}
-    outer = template.outer.shape.outline(720)
+    shapes = {hole: template.holes[hole].shape for hole in anatomy.holes}
+    outlines, outer = {hole: shape.outline() for hole, shape in shapes.items()}, template.outer.shape
     for hole, outline in outlines.items():
-        if not inside_polygon(outline, outer).all():
+        if not outer.contains(outline).all():
             raise TemplateError(
                 f"holes.{hole}.shape: reaches beyond the outer rim; move it inwards or make it smaller."
             )
     for a, b in combinations(anatomy.holes, 2):
-        if inside_polygon(outlines[a], outlines[b]).any() or inside_polygon(outlines[b], outlines[a]).any():
+        if shapes[b].contains(outlines[a]).any() or shapes[a].contains(outlines[b]).any():
             raise TemplateError(f"holes.{a}.shape: overlaps holes.{b}.shape; move them apart or make them smaller.")
     segments = {path: template.segment(path) for path in anatomy.paths}
     for path, (start, end) in segments.items():
         inner = start + np.linspace(0.001, 0.999, 200)[:, None] * (end - start)
         for hole in anatomy.holes:
-            if inside_polygon(inner, outlines[hole]).any():
+            if shapes[hole].contains(inner).any():
                 raise TemplateError(f"path {path} crosses the hole {hole}; change the angles of its feet.")
-        if not inside_polygon(inner, outer).all():
+        if not outer.contains(inner).all():
             raise TemplateError(f"path {path} leaves the map; change the angles of its feet.")
     for a, b in combinations(segments, 2):
         if _cross(segments[a], segments[b]):

@@ -29,7 +29,7 @@ from .gap_nodes import GAP_CURVE, GAP_LIST, GAPS, PATH, RGM, writeGaps
 from .image_input import inCoordinatesOf, localVolume, segmentVolume, worldVolume
 from .live_projection import LiveProjection
 from .map_nodes import SURFACE_ROLE, copyArrays, mapsOf
-from .map_reading import mapDataOf, withParcels
+from .map_reading import mapDataOf, withParcels, writeHow
 from .result_nodes import removeResults, resultOf, resultsOf
 from .surface_nodes import surfaceOf
 
@@ -126,6 +126,7 @@ class AnalysisLogic:
         values.SetName(array)
         polydata = surfaceNode.GetPolyData()
         polydata.GetPointData().AddArray(values)
+        writeHow(polydata, array, found)
         polydata.Modified()
         for mapNode in mapsOf(surfaceNode):
             copyArrays(mapNode, surfaceNode)
@@ -244,9 +245,15 @@ class AnalysisLogic:
         report(progress, 0.1, "Measuring blood")
         pool = self.bloodPool(surfaceNode, volumeNode, regionNode) if rule.needs_blood_pool else None
         report(progress, 0.4, "Measuring the wall")
-        names = ("normal", "low", "scar") if is_voltage(array) and len(rule.factors) == 2 else None
         found = measure_fibrosis(
-            data, array, rule, pool, parcels=parcels_of(data, parcellations), class_names=names, unit=unit_of(array)
+            data,
+            array,
+            rule,
+            pool,
+            parcels=parcels_of(data, parcellations),
+            unit=unit_of(array),
+            # Where the array was made of this image, it is sampled again within the triangles.
+            volume=worldVolume(volumeNode) if volumeNode is not None else None,
         )
         report(progress, 0.9, "Writing")
         withParcels(mapNode, surfaceNode, data, [Parcellation.load(name) for name in parcellations])

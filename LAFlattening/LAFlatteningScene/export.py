@@ -10,6 +10,7 @@ import numpy as np
 import slicer
 import vtk
 
+from LAFlatteningLib import builtin_templates
 from LAFlatteningLib.errors import InputFileError
 from LAFlatteningLib.files import atomic_write, write_surface
 from LAFlatteningLib.shading import label_of
@@ -23,6 +24,7 @@ from .map_nodes import settingsOf
 from .overlay import overlayOf
 from .quality_nodes import METRICS_ROLE, REGIONS_ROLE
 from .result_nodes import resultOf
+from .template_text import templateOf
 from .views import MARGIN
 
 FORMATS = ("vtp", "png", "csv")
@@ -56,6 +58,10 @@ def exportMap(mapNode: ModelNode, directory: str | Path, formats: tuple[str, ...
 
         if "vtp" in formats:
             write_surface(mapSurface(mapNode), temporary(f"{stem}.vtp"))
+            template = templateOf(settingsOf(mapNode).template)
+            if template.name not in builtin_templates():
+                # The map names it only, and cannot be read without it.
+                template.save(temporary(f"{stem} template.json"))
         if "png" in formats:
             writePicture(mapNode, temporary(f"{stem}.png"))
         if "csv" in formats:

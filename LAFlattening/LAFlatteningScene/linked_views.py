@@ -109,7 +109,7 @@ class LinkedViews(VTKObservationMixin):
             for node, visible in zip(overlay, (p.showTemplate, p.showLabels), strict=True):
                 if bool(node.GetDisplayNode().GetVisibility()) != visible:
                     node.GetDisplayNode().SetVisibility(visible)
-            onMap = [mapNode, *overlay, *drawnOnMap(mapNode)]
+            onMap = [mapNode, *overlay, *drawnOnMap(mapNode), *self._handles()]
             self._drawn = _displaysOn(mapNode)
             updateColourBar(mapNode, p.showColourBar)
         if self.cursor is not None:
@@ -176,8 +176,12 @@ class LinkedViews(VTKObservationMixin):
         self._colours = DisplayLink(surface, mapNode)
         if p.linkCursor:
             self.cursor = LinkedCursor(surface, mapNode, diameter, atriumView, mapView, self._onReadout)
-            onMap = [mapNode, *updateOverlay(mapNode), *drawnOnMap(mapNode), self.cursor.markers["map"]]
-            self._visibility.setMapNodes(onMap)
+            onMap = [mapNode, *updateOverlay(mapNode), *drawnOnMap(mapNode), *self._handles()]
+            self._visibility.setMapNodes([*onMap, self.cursor.markers["map"]])
+
+    def _handles(self) -> list[slicer.vtkMRMLMarkupsFiducialNode]:
+        node = self._logic.templateHandles()
+        return [node] if node is not None else []
 
     def _onMap(self, _caller: object = None, _event: object = None) -> None:
         """The map was made anew: with another template or diameter, frame and overlay change. Or there are results."""

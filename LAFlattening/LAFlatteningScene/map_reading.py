@@ -9,12 +9,14 @@ import slicer
 import vtk
 from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 
-from LAFlatteningLib import MapData, Parcellation, Surface, SurfaceError, Template
+from LAFlatteningLib import MapData, Parcellation, Surface, SurfaceError
 from LAFlatteningLib.flattening.flat_map import POINT_ID_ARRAY
+from LAFlatteningLib.projection import Projection
 from LAFlatteningLib.quantities import measured, unit_of
 
 from .map_nodes import STAGE, SURFACE_ROLE, copyArrays, millimetresPerUnit, settingsOf
 from .surface_nodes import CELL_ID_ARRAY, worldPoints
+from .template_text import templateOf
 
 ModelNode = slicer.vtkMRMLModelNode
 
@@ -42,7 +44,7 @@ def mapDataOf(mapNode: ModelNode | None) -> MapData:
             "Flatten it again."
         )
     polydata, settings = mapNode.GetPolyData(), settingsOf(mapNode)
-    template = Template.load(settings.template)
+    template = templateOf(settings.template)
     ids = vtk_to_numpy(polydata.GetPointData().GetArray(POINT_ID_ARRAY))
     flat = vtk_to_numpy(polydata.GetPoints().GetData())[:, :2] / millimetresPerUnit(template, settings.diskDiameter)
     triangles = vtk_to_numpy(polydata.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(np.int64)
@@ -51,9 +53,26 @@ def mapDataOf(mapNode: ModelNode | None) -> MapData:
         triangles,
         _scalars(polydata.GetPointData()),
         _scalars(polydata.GetCellData()),
+        _field(surfaceNode.GetPolyData()),
         space="RAS",
     )
     return MapData(surface, flat + np.asarray(template.outer.shape.centre), template)
+
+
+def writeHow(polydata: vtk.vtkPolyData, array: str, found: Projection) -> None:
+    """Say in the field data of an atrium how an array was projected, as the library does in files."""
+    interval = numpy_to_vtk(np.array(found.interval_mm), deep=True)
+    interval.SetName(f"{array}_interval_mm")
+    statistic = vtk.vtkStringArray()
+    statistic.SetName(f"{array}_statistic")
+    statistic.InsertNextValue(found.statistic)
+    for one in (interval, statistic):
+        polydata.GetFieldData().AddArray(one)
+
+
+def _field(polydata: vtk.vtkPolyData) -> dict[str, np.ndarray]:
+    """The field data of an atrium."""
+    return dict(Surface.from_polydata(polydata, "RAS").field_data)
 
 
 def withParcels(

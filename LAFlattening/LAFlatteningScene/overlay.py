@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 
 import numpy as np
 import slicer
 import vtk
+from scipy.spatial import cKDTree
 from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 
 from LAFlatteningLib import Template
+from LAFlatteningLib.template import inside_polygon
 
 from .map_nodes import onMap, settingsOf
+from .template_text import templateOf
 
 LINES_ROLE, LABELS_ROLE = "LAFlattening.lines", "LAFlattening.labels"
 """Node references from a map to its overlay."""
@@ -24,8 +28,8 @@ TEXT_SIZE = {"opening": 0.022, "region": 0.036}
 HALO_WIDTH = 0.16
 """Of the light border round letters, in heights of a letter."""
 RIM_STEPS = 120
-GRID = 60
-"""Steps across the disk in the search for the widest place of a region."""
+GRID, BORDER_POINTS = 24, 100
+"""Steps across a region, and points of its border for as long a way, in the search for its widest place."""
 
 ModelNode = slicer.vtkMRMLModelNode
 
@@ -40,7 +44,7 @@ def updateOverlay(mapNode: ModelNode) -> tuple[ModelNode, ModelNode]:
     madeFrom = f"{settings.template} {settings.diskDiameter!r}"
     lines, labels = (_node(mapNode, role, what) for role, what in ((LINES_ROLE, "lines"), (LABELS_ROLE, "names")))
     if lines.GetAttribute(MADE_FROM) != madeFrom or lines.GetPolyData() is None:
-        template = Template.load(settings.template)
+        template = templateOf(settings.template)
         lines.SetAndObservePolyData(linesOf(template, settings.diskDiameter))
         labels.SetAndObservePolyData(namesOf(template, settings.diskDiameter))
         for node in (lines, labels):
@@ -58,23 +62,15 @@ def linesOf(template: Template, diskDiameter: float) -> vtk.vtkPolyData:
     anatomy = template.anatomy
     rims = [template.rim(opening).shape.outline(RIM_STEPS) for opening in anatomy.openings]
     chains = [np.concatenate([rim, rim[:1]]) for rim in rims] + [template.segment(path) for path in anatomy.paths]
-    append = vtk.vtkAppendPolyData()
+    flat = onMap(np.concatenate(chains), template, diskDiameter)
+    cells, first = vtk.vtkCellArray(), 0
     for chain in chains:
-        flat = onMap(chain, template, diskDiameter)
-        line = vtk.vtkPolyData()
-        points = vtk.vtkPoints()
-        points.SetData(
-            numpy_to_vtk(np.column_stack([flat, np.full(len(flat), LINES_HEIGHT * diskDiameter)]), deep=True)
-        )
-        cells = vtk.vtkCellArray()
-        cells.InsertNextCell(len(flat))
-        for k in range(len(flat)):
-            cells.InsertCellPoint(k)
-        line.SetPoints(points)
-        line.SetLines(cells)
-        append.AddInputData(line)
-    append.Update()
-    return append.GetOutput()
+        cells.InsertNextCell(len(chain), range(first, first + len(chain)))
+        first += len(chain)
+    lines = vtk.vtkPolyData()
+    lines.SetPoints(_points(flat, np.full(len(flat), LINES_HEIGHT * diskDiameter)))
+    lines.SetLines(cells)
+    return lines
 
 
 def places(template: Template) -> Iterator[tuple[str, np.ndarray, str]]:
@@ -93,16 +89,12 @@ def widestPlace(outline: np.ndarray) -> np.ndarray:
     low, high = outline.min(axis=0), outline.max(axis=0)
     ticks = [low[k] + (np.arange(GRID) + 0.5) / GRID * (high[k] - low[k]) for k in (0, 1)]
     grid = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 2)
-    a, b = outline, np.roll(outline, -1, axis=0)
-    spans = (a[:, 1] > grid[:, None, 1]) != (b[:, 1] > grid[:, None, 1])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        slope = (b[:, 0] - a[:, 0]) / (b[:, 1] - a[:, 1])
-        left = grid[:, None, 0] < a[:, 0] + (grid[:, None, 1] - a[:, 1]) * slope
-    grid = grid[(spans & left).sum(axis=1) % 2 == 1]
-    side = b - a
-    length2 = np.maximum((side**2).sum(axis=1), 1e-300)
-    along = np.clip(((grid[:, None] - a) * side).sum(axis=2) / length2, 0.0, 1.0)
-    distance = np.linalg.norm(grid[:, None] - (a + along[:, :, None] * side), axis=2).min(axis=1)
+    grid = grid[inside_polygon(grid, outline)]
+    # The border as points, a few of them for each step of the grid.
+    sides = np.roll(outline, -1, axis=0) - outline
+    steps = 1 + (BORDER_POINTS * np.linalg.norm(sides, axis=1) / (high - low).max()).astype(int)
+    share = np.concatenate([np.arange(count) / count for count in steps])[:, None]
+    distance = cKDTree(np.repeat(outline, steps, axis=0) + share * np.repeat(sides, steps, axis=0)).query(grid)[0]
     # Along a strip many places are as good: the middle of them.
     widest = grid[distance >= 0.97 * distance.max()]
     return widest[np.linalg.norm(widest - widest.mean(axis=0), axis=1).argmin()]
@@ -116,17 +108,36 @@ def namesOf(template: Template, diskDiameter: float) -> vtk.vtkPolyData:
     """
     append = vtk.vtkAppendPolyData()
     for text, place, kind in places(template):
-        flat = onMap(place[None], template, diskDiameter)[0]
-        size = TEXT_SIZE[kind] * diskDiameter
-        letters = _letters(text, flat, size, TEXT_HEIGHT * diskDiameter)
-        append.AddInputData(_coloured(_halo(letters, size * HALO_WIDTH, HALO_HEIGHT * diskDiameter), 255))
-        append.AddInputData(_coloured(letters, 20))
+        name = vtk.vtkPolyData()
+        name.ShallowCopy(_name(text))
+        points = vtk_to_numpy(name.GetPoints().GetData())
+        flat = points[:, :2] * (TEXT_SIZE[kind] * diskDiameter) + onMap(place[None], template, diskDiameter)
+        name.SetPoints(_points(flat, points[:, 2] * diskDiameter))
+        append.AddInputData(name)
     append.Update()
     return append.GetOutput()
 
 
-def _letters(text: str, centre: np.ndarray, size: float, height: float) -> vtk.vtkPolyData:
-    """A text as triangles, its capital letters `size` high, centred."""
+@cache
+def _name(text: str) -> vtk.vtkPolyData:
+    """A name with its border, about the origin: x and y in heights of a letter, z in disk diameters."""
+    letters = _letters(text)
+    append = vtk.vtkAppendPolyData()
+    for part, height, grey in ((_halo(letters), HALO_HEIGHT, 255), (letters, TEXT_HEIGHT, 20)):
+        flat = vtk_to_numpy(part.GetPoints().GetData())[:, :2]
+        raised = vtk.vtkPolyData()
+        raised.SetPoints(_points(flat, np.full(len(flat), height)))
+        raised.SetPolys(part.GetPolys())
+        colours = numpy_to_vtk(np.full((raised.GetNumberOfCells(), 3), grey, np.uint8), deep=True)
+        colours.SetName("colour")
+        raised.GetCellData().AddArray(colours)
+        append.AddInputData(raised)
+    append.Update()
+    return append.GetOutput()
+
+
+def _letters(text: str) -> vtk.vtkPolyData:
+    """A text as triangles about the origin, its letters 1 high."""
     source = vtk.vtkVectorText()
     source.SetText(text)
     triangles = vtk.vtkTriangleFilter()
@@ -138,15 +149,13 @@ def _letters(text: str, centre: np.ndarray, size: float, height: float) -> vtk.v
     letters.DeepCopy(triangles.GetOutput())
     points = vtk_to_numpy(letters.GetPoints().GetData()).astype(np.float64)
     low, high = points.min(axis=0), points.max(axis=0)
-    flat = (points - 0.5 * (low + high))[:, :2] * (size / (high[1] - low[1])) + centre
-    moved = vtk.vtkPoints()
-    moved.SetData(numpy_to_vtk(np.column_stack([flat, np.full(len(flat), height)]), deep=True))
-    letters.SetPoints(moved)
+    flat = (points - 0.5 * (low + high))[:, :2] / (high[1] - low[1])
+    letters.SetPoints(_points(flat, np.zeros(len(flat))))
     return letters
 
 
-def _halo(letters: vtk.vtkPolyData, width: float, height: float) -> vtk.vtkPolyData:
-    """Round patches along the outlines of letters: together a border of a given width."""
+def _halo(letters: vtk.vtkPolyData) -> vtk.vtkPolyData:
+    """Round patches along the outlines of letters: together a border, `HALO_WIDTH` wide."""
     edges = vtk.vtkFeatureEdges()
     edges.SetInputData(letters)
     edges.FeatureEdgesOff()
@@ -158,34 +167,28 @@ def _halo(letters: vtk.vtkPolyData, width: float, height: float) -> vtk.vtkPolyD
         [[lines.GetPoint(lines.GetCell(k).GetPointId(end)) for end in (0, 1)] for k in range(lines.GetNumberOfCells())]
     )[:, :, :2]
     turns = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
-    ring = 0.5 * width * np.column_stack([np.cos(turns), np.sin(turns)])
-    append = vtk.vtkAppendPolyData()
+    ring = 0.5 * HALO_WIDTH * np.column_stack([np.cos(turns), np.sin(turns)])
+    corners, cells = [], vtk.vtkCellArray()
+    first = 0
     for start, end in ends:
         along = end - start
-        side = np.array([-along[1], along[0]]) / max(float(np.linalg.norm(along)), 1e-12) * 0.5 * width
-        for corners in (start + ring, np.array([start - side, end - side, end + side, start + side])):
-            patch = vtk.vtkPolyData()
-            points = vtk.vtkPoints()
-            points.SetData(numpy_to_vtk(np.column_stack([corners, np.full(len(corners), height)]), deep=True))
-            patch.SetPoints(points)
-            cells = vtk.vtkCellArray()
-            cells.InsertNextCell(len(corners))
-            for k in range(len(corners)):
-                cells.InsertCellPoint(k)
-            patch.SetPolys(cells)
-            append.AddInputData(patch)
-    append.Update()
-    return append.GetOutput()
+        side = np.array([-along[1], along[0]]) / max(float(np.linalg.norm(along)), 1e-12) * 0.5 * HALO_WIDTH
+        for patch in (start + ring, np.array([start - side, end - side, end + side, start + side])):
+            cells.InsertNextCell(len(patch), range(first, first + len(patch)))
+            corners.append(patch)
+            first += len(patch)
+    halo = vtk.vtkPolyData()
+    flat = np.concatenate(corners)
+    halo.SetPoints(_points(flat, np.zeros(len(flat))))
+    halo.SetPolys(cells)
+    return halo
 
 
-def _coloured(polydata: vtk.vtkPolyData, grey: int) -> vtk.vtkPolyData:
-    copy = vtk.vtkPolyData()
-    copy.SetPoints(polydata.GetPoints())
-    copy.SetPolys(polydata.GetPolys())
-    colours = numpy_to_vtk(np.full((copy.GetNumberOfCells(), 3), grey, np.uint8), deep=True)
-    colours.SetName("colour")
-    copy.GetCellData().AddArray(colours)
-    return copy
+def _points(flat: np.ndarray, height: np.ndarray) -> vtk.vtkPoints:
+    """Points from places (k, 2) and heights (k,)."""
+    points = vtk.vtkPoints()
+    points.SetData(numpy_to_vtk(np.column_stack([flat, height]), deep=True))
+    return points
 
 
 def _node(mapNode: ModelNode, role: str, what: str) -> ModelNode:

@@ -7,13 +7,14 @@ from collections.abc import Mapping
 import numpy as np
 import slicer
 
-from LAFlatteningLib import SeedError, Template
+from LAFlatteningLib import SeedError
 from LAFlatteningLib.anatomy import Anatomy
 
 from . import seed_nodes
 from .live_update import reasonsOf
 from .seed_nodes import FiducialNode, seedPositions
 from .surface_nodes import Settings, SurfaceCache
+from .template_text import templateOf, textOf
 
 
 class SeedLogic:
@@ -23,7 +24,7 @@ class SeedLogic:
 
     def anatomy(self, template: str = "adapted1") -> Anatomy:
         """The openings, seeds, paths and regions of a template; TemplateError if there is no such template."""
-        return Template.load(template).anatomy
+        return templateOf(template).anatomy
 
     def seedLabels(self, template: str = "adapted1") -> tuple[str, ...]:
         """The names of the seeds in the order in which they are placed."""
@@ -118,7 +119,7 @@ class SeedLogic:
         reasons = seed_nodes.placementProblems(positions, cavity, anatomy)
         if not reasons and all(label in positions for label in anatomy.seeds):
             try:
-                self.cache.flattener(surfaceNode, Settings(template, method, checkAxes)).preview(positions)
+                self.cache.flattener(surfaceNode, Settings(textOf(template), method, checkAxes)).preview(positions)
             except SeedError as error:
                 reasons = reasonsOf(error)
         seed_nodes.markSeeds(seedsNode, reasons, anatomy)

@@ -16,6 +16,8 @@ from LAFlatteningLib.anatomy import Anatomy
 from LAFlatteningLib.cavity.covers import HOLE_ARRAY
 from LAFlatteningLib.cavity.openings import Cavity, make_cavity, nearest_rim
 
+from .template_text import templateOf
+
 CELL_ID_ARRAY = "surface_cell_id"
 """Cell array of a map: the number of the triangle among the triangles of the surface node."""
 NOWHERE = np.full((1, 3), 1e6)
@@ -24,7 +26,7 @@ NOWHERE = np.full((1, 3), 1e6)
 
 @dataclass(frozen=True)
 class Settings:
-    """How a map is made, see `LAFlatteningLib.Flattener`; diskDiameter in mm."""
+    """How a map is made, see `LAFlatteningLib.Flattener`; template as text (`template_text`), diskDiameter in mm."""
 
     template: str = "adapted1"
     method: str = "regional"
@@ -128,10 +130,13 @@ class SurfaceCache:
         surface = self.surface(modelNode)
         key = Settings(settings.template, settings.method, settings.checkAxes)
         if key not in self._flatteners:
+            template, former = templateOf(settings.template), next(iter(self._flatteners.items()), None)
+            if former is not None and (former[0].method, former[0].checkAxes) == (key.method, key.checkAxes):
+                made = former[1].with_template(template)
+            else:
+                made = Flattener(surface, template, settings.method, check_axes=settings.checkAxes)
             # Only one: each keeps a factorisation and covers.
-            self._flatteners = {
-                key: Flattener(surface, settings.template, settings.method, check_axes=settings.checkAxes)
-            }
+            self._flatteners = {key: made}
         return self._flatteners[key]
 
     def cavity(

@@ -12,6 +12,7 @@ from .panel import Panel
 from .prepare_section import PrepareSection
 from .quality_section import QualitySection
 from .seed_section import SeedSection
+from .template_section import TemplateSection
 
 __all__ = [
     "AnalyseSection",
@@ -22,4 +23,5 @@ __all__ = [
     "PrepareSection",
     "QualitySection",
     "SeedSection",
+    "TemplateSection",
 ]

@@ -12,6 +12,8 @@ class MapSection(Section):
         super().__init__(panel)
         self.work = Work(self.ui.progressBar, self.ui.cancelButton, self.panel.update)
         self.choices = ()
+        self.templates = ()
+        self.ui.templateSelector.connect("currentIndexChanged(int)", self.chooseTemplate)
         self.ui.flattenButton.connect("clicked()", self.flatten)
         self.ui.layoutButton.connect("clicked()", self.panel.showLayout)
         self.ui.frameButton.connect("clicked()", self.logic.frameMap)
@@ -37,6 +39,22 @@ class MapSection(Section):
             # What is missing is said where it is chosen.
             text = "" if report.stage == "seeds" else report.message
         showMessage(self.ui.mapMessage, text)
+
+    def chooseTemplate(self, row: int) -> None:
+        """Use another template."""
+        if self.parameters is not None and 0 <= row < len(self.templates):
+            self.parameters.template = self.templates[row]
+
+    def updateTemplates(self) -> None:
+        """Offer the built-in templates and the user's own."""
+        choices, selector = self.logic.templateChoices(self.parameters), self.ui.templateSelector
+        blocked = selector.blockSignals(True)
+        if [selector.itemText(row) for row in range(selector.count)] != list(choices.values()):
+            selector.clear()
+            selector.addItems(list(choices.values()))
+        self.templates = tuple(choices)
+        selector.currentIndex = self.templates.index(self.parameters.template)
+        selector.blockSignals(blocked)
 
     def colour(self, row: int) -> None:
         """Colour atrium and map by the array that was chosen."""
@@ -70,4 +88,5 @@ class MapSection(Section):
         self.ui.flattenButton.enabled = not missing and not self.work.isRunning
         self.ui.flattenButton.toolTip = missing or _("Compute the map.")
         self.ui.frameButton.enabled = self.parameters.map is not None
+        self.updateTemplates()
         self.updateColours()

@@ -33,6 +33,7 @@ class Panel(VTKObservationMixin):
         """Connect the panel with a parameter node (`LAFlatteningParameterNode`); None leaves it unconnected."""
         if self.parameterNode is not None:
             self.logic.stopLiveUpdate()
+            self.logic.stopTemplateEditing()
             self.logic.stopCutPreview()
             self.logic.stopLiveProjection()
             self.logic.unlinkViews()
@@ -46,6 +47,7 @@ class Panel(VTKObservationMixin):
             self.addObserver(parameterNode, vtk.vtkCommand.ModifiedEvent, self.onParametersModified)
             self.logic.linkViews(parameterNode, self.onReadout, self.onColours)
             self.logic.startLiveUpdate(parameterNode, qt.QTimer.singleShot, self.onReport)
+            self.logic.startTemplateEditing(parameterNode, qt.QTimer.singleShot, self.onTemplateEdited)
             self.logic.startCutPreview(parameterNode, qt.QTimer.singleShot, self.onCuts)
             self.logic.startLiveProjection(parameterNode, qt.QTimer.singleShot, self.onProjected)
         self.update()
@@ -85,6 +87,11 @@ class Panel(VTKObservationMixin):
         if report.stage != "preview":
             self.map.showReport(report)
             self.update()
+
+    def onTemplateEdited(self, report) -> None:
+        """The Logic has followed an edit of the template."""
+        if self.parameterNode is not None:
+            self.template.showEdit(report)
 
     def onCuts(self) -> None:
         """The Logic has followed the planes of the openings."""

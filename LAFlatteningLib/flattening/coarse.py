@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -56,6 +57,12 @@ class CoarseCopy:
         self.carrier = Carrier(coarse, surface)
         self._make = flatten
         self._latest: tuple[bytes, FlatMap] | None = None
+
+    def made_by(self, flatten: Callable[[Mapping[str, FloatArray]], FlatMap]) -> CoarseCopy:
+        """The same copy with its map made otherwise, as for another template."""
+        other = copy(self)
+        other._make, other._latest = flatten, None
+        return other
 
     def flatten(self, seeds: Mapping[str, FloatArray]) -> FlatMap:
         """The map of the copy; that of the seeds asked for last is kept.

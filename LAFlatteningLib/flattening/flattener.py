@@ -27,6 +27,7 @@ from .coarse import COARSE_POINTS, COARSE_STEPS, CoarseCopy, coarsened
 from .flat_map import FlatMap
 from .preview import Preview, Previewer
 from .refinement import STEPS, lower_distortion
+from .template_preview import TemplatePreviewer
 from .untangling import fold_error, untangle
 
 METHODS = ("regional", "paper")
@@ -80,8 +81,27 @@ class Flattener:
         self._ways: WaysAcrossOstia | None = None
         self._steps: Sequence[int] = STEPS
         self._latest: FlatMap | None = None
+        self._given: Mapping[str, FloatArray] = {}
         self._copy: CoarseCopy | None = None
+        self._coarse: Flattener | None = None
         self._previewer: Previewer | None = None
+        self._template_previewer: TemplatePreviewer | None = None
+
+    def with_template(self, template: Template | str | Path) -> Flattener:
+        """A flattener of the same surface for another template; it takes over what does not depend on the template.
+
+        Raises
+        ------
+        TemplateError : of the template.
+        """
+        other = Flattener(self.surface, template, self.method, self.rounding, self.check_axes)
+        if other.template.anatomy == self.template.anatomy:
+            other._steps = self._steps
+            other._prepared, other._ways = self._prepared, self._ways
+            if self._copy is not None and self._coarse is not None:
+                other._coarse = self._coarse.with_template(other.template)
+                other._copy = self._copy.made_by(other._coarse.flatten)
+        return other
 
     def flatten(self, seeds: Mapping[str, FloatArray], progress: ProgressCallback | None = None) -> FlatMap:
         """The map for these seeds.
@@ -142,6 +162,7 @@ class Flattener:
             freed,
             watch.stop(),
         )
+        self._given = {label: place.copy() for label, place in seeds.items()}
         return self._latest
 
     def preview(self, seeds: Mapping[str, FloatArray]) -> Preview:
@@ -167,6 +188,23 @@ class Flattener:
         rims[self.template.anatomy.outer] = cavity.outer
         return self._previewer.preview(snapped.positions, rims, latest)
 
+    def preview_template(self, template: Template, seeds: Mapping[str, FloatArray]) -> Preview:
+        """A quick map for these seeds on another template of the same anatomy, to show while that is being edited.
+
+        The map of the seeds is made if the last one is of others, which takes its time; what comes then is quick.
+
+        Raises
+        ------
+        SurfaceError, SeedError, FoldError : as `flatten`.
+        TemplateError : a template of another anatomy.
+        """
+        latest, seeds = self._latest, check_labels(seeds, self.template.anatomy)
+        if latest is None or not all(np.array_equal(self._given[label], place) for label, place in seeds.items()):
+            latest = self.flatten(seeds)
+        if self._template_previewer is None or self._template_previewer.flat_map is not latest:
+            self._template_previewer = TemplatePreviewer(latest)
+        return self._template_previewer.preview(template)
+
     def _coarse_copy(self, surface: Surface, outer_points: FloatArray) -> CoarseCopy:
         if self._copy is not None and self._copy.surface is surface:
             return self._copy
@@ -180,7 +218,7 @@ class Flattener:
             except (SurfaceError, FoldError):
                 # Decimation spoiled the mesh; with all its points it is as it was.
                 continue
-        self._copy = CoarseCopy(coarse_surface, surface, coarse.flatten)
+        self._coarse, self._copy = coarse, CoarseCopy(coarse_surface, surface, coarse.flatten)
         return self._copy
 
     def _prepare(self, outer_points: FloatArray) -> tuple[Cavity, Surface, int]:

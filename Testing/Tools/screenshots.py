@@ -3,7 +3,8 @@
 make screenshots      or      python Testing/Tools/screenshots.py
 
 `module.png` is the whole picture, `placing.png` the panel in the middle of placing seeds, `prepare.png` with the planes
-of a closed atrium, `analyse.png` with fibrosis and gaps, `atrium.png` and `flat.png` the two views.
+of a closed atrium, `analyse.png` with fibrosis and gaps, `template.png` with a template that was edited, `atrium.png`
+and `flat.png` the two views.
 """
 
 from __future__ import annotations
@@ -148,6 +149,7 @@ def main() -> None:
     save("quality.png", panel_image(panel, ("quality",)))
 
     crosshair.SetCursorPositionInvalid()
+    save("template.png", template_image(panel, flat))
     save("analyse.png", analyse_image(panel, atrium, flat))
     logic.clearAnalysis(parameters.map)
     logic.colourBy(surface, "LGE")
@@ -183,6 +185,25 @@ def analyse_image(panel, atrium, flat) -> np.ndarray:
     panel.logic.frameMap()
     settle()
     return beside(picture, view_image(atrium), view_image(flat))
+
+
+def template_image(panel, flat) -> np.ndarray:
+    """A hole moved on the template, with the handles; the built-in template again afterwards."""
+    panel.ui.editTemplate.click()
+    panel.ui.holeSelector.setCurrentText("RSPV")
+    panel.template.showNumbers()
+    panel.ui.holeX.value = 23.0
+    panel.ui.holeY.value = 10.0
+    settle(4.0)
+    picture = panel_image(panel, ("template",))
+    flat.resize(VIEW_WIDTH, VIEW_WIDTH)
+    panel.logic.frameMap()
+    settle()
+    image = beside(picture, view_image(flat))
+    panel.ui.editTemplate.click()
+    panel.ui.resetTemplateButton.click()
+    settle(4.0)
+    return image
 
 
 def prepare_image(panel, atrium, others) -> np.ndarray:

@@ -8,7 +8,17 @@ import types
 import slicer
 from PySide6 import QtCore, QtGui, QtTest, QtWidgets
 
-from . import ctk_widgets, markups_widgets, message_box, node_widgets, path_widgets, pythonqt, table_widgets, ui_loader
+from . import (
+    ctk_widgets,
+    file_dialogs,
+    markups_widgets,
+    message_box,
+    node_widgets,
+    path_widgets,
+    pythonqt,
+    table_widgets,
+    ui_loader,
+)
 
 _SOURCES = (ctk_widgets, path_widgets, message_box, node_widgets, markups_widgets, table_widgets)
 
@@ -33,6 +43,7 @@ def install() -> None:
             if name.startswith("Q"):
                 setattr(qt, name, getattr(module, name))
     qt.QTest = QtTest.QTest
+    qt.QFileDialog = file_dialogs.QFileDialog
     qt.QUiLoader = ui_loader.QUiLoader
     for cls in (QtWidgets.QDialog, QtWidgets.QMenu, QtWidgets.QApplication):
         cls.exec_ = cls.exec
