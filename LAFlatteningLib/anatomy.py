@@ -35,6 +35,8 @@ class Anatomy:
     layout : opening -> the mean direction in which it lies from the middle of the chamber's body, LPS. Empty where it
         is not known; openings are then not recognised by themselves.
     appendages : holes that are blind pouches; the others are vessels.
+    landmarks : seeds that are points of the wall, such as the apex of a ventricle, seed -> full name. Paths leave them
+        in the order of `rims`, as they leave a hole.
     """
 
     name: str
@@ -48,6 +50,7 @@ class Anatomy:
     directions: Mapping[str, tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]] = field(default_factory=dict)
     layout: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     appendages: tuple[str, ...] = ()
+    landmarks: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         _check(self)
@@ -59,8 +62,8 @@ class Anatomy:
 
     @property
     def seeds(self) -> tuple[str, ...]:
-        """All seed labels: the holes, then the seeds on the outer rim."""
-        return (*self.holes, *sorted(self.outer_seeds))
+        """All seed labels: the holes, the landmarks, then the seeds on the outer rim."""
+        return (*self.holes, *self.landmarks, *sorted(self.outer_seeds))
 
     @property
     def outer_paths(self) -> tuple[str, ...]:
@@ -69,11 +72,11 @@ class Anatomy:
         return tuple(ends[seed] for seed in self.outer_seeds)
 
     def feet(self, opening: str) -> tuple[str, ...]:
-        """The paths with a foot on the rim of an opening, counter-clockwise on the map."""
+        """The paths with a foot on the rim of an opening, or at a landmark, counter-clockwise on the map."""
         return self.outer_paths if opening == self.outer else tuple(self.rims[opening])
 
     def opening_of(self, seed: str) -> str:
-        """The opening that a seed marks or lies on."""
+        """The opening that a seed marks or lies on; a landmark is where it is itself."""
         return self.outer if seed in self.outer_seeds else seed
 
     def face(self, region: int) -> list[Dart]:
@@ -103,6 +106,7 @@ class Anatomy:
             },
             {opening: (at[0], at[1], at[2]) for opening, at in data.get("layout", {}).items()},
             tuple(data.get("appendages", ())),
+            dict(data.get("landmarks", {})),
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -112,6 +116,7 @@ class Anatomy:
             "openings": dict(self.openings),
             "outer": self.outer,
             "outer_seeds": dict(self.outer_seeds),
+            "landmarks": dict(self.landmarks),
             "paths": {name: list(pair) for name, pair in self.paths.items()},
             "rims": {name: list(paths) for name, paths in self.rims.items()},
             "regions": {str(number): list(paths) for number, paths in self.regions.items()},
@@ -132,8 +137,8 @@ Dart = tuple[str, int]
 def trace_faces(anatomy: Anatomy) -> list[list[Dart]]:
     """The faces of the plane graph that the rims describe, each as the darts along it, face on the left.
 
-    Openings are the nodes and paths the edges of a plane graph; the counter-clockwise order of the paths at
-    each opening fixes its faces. Arriving at a hole, the face goes on along the path that precedes there
+    Openings and landmarks are the nodes and paths the edges of a plane graph; the counter-clockwise order of the
+    paths at each of them fixes its faces. Arriving at a hole, the face goes on along the path that precedes there
     (clockwise round the hole); at the outer rim, which lies round the map, along the one that follows.
     """
     faces = []
@@ -159,22 +164,30 @@ def _check(anatomy: Anatomy) -> None:
     """Raise TemplateError where the table contradicts itself, naming the field."""
     if anatomy.outer not in anatomy.openings:
         raise TemplateError(f'anatomy.outer: expected one of the openings, found "{anatomy.outer}".')
-    known = {*anatomy.holes, *anatomy.outer_seeds}
+    inner = (*anatomy.holes, *anatomy.landmarks)
+    for name in (*anatomy.landmarks, *anatomy.outer_seeds):
+        if name in anatomy.openings or (name in anatomy.landmarks and name in anatomy.outer_seeds):
+            raise TemplateError(f'anatomy: "{name}" is used twice; expected another name for each opening and seed.')
+    known = {*inner, *anatomy.outer_seeds}
     for name, pair in anatomy.paths.items():
         for seed in pair:
             if seed not in known:
-                raise TemplateError(f'anatomy.paths.{name}: "{seed}" is neither a hole nor a seed of the outer rim.')
+                raise TemplateError(
+                    f'anatomy.paths.{name}: "{seed}" is no hole, no landmark and no seed of the outer rim.'
+                )
         if pair[0] == pair[1]:
             raise TemplateError(f'anatomy.paths.{name}: joins "{pair[0]}" to itself; expected two different seeds.')
-        if not set(pair) & set(anatomy.holes):
-            raise TemplateError(f"anatomy.paths.{name}: joins two seeds of the outer rim; expected a hole at one end.")
+        if not set(pair) & set(inner):
+            raise TemplateError(
+                f"anatomy.paths.{name}: joins two seeds of the outer rim; expected a hole or a landmark at one end."
+            )
     for seed in anatomy.outer_seeds:
         ends = [name for name, pair in anatomy.paths.items() if seed in pair]
         if len(ends) != 1:
             raise TemplateError(
                 f"anatomy.outer_seeds.{seed}: expected one path to end there, found {', '.join(ends) or 'none'}."
             )
-    for hole in anatomy.holes:
+    for hole in inner:
         ends = sorted(name for name, pair in anatomy.paths.items() if hole in pair)
         if sorted(anatomy.rims.get(hole, ())) != ends or not ends:
             raise TemplateError(
@@ -183,9 +196,11 @@ def _check(anatomy: Anatomy) -> None:
             )
     for side, pairs in anatomy.directions.items():
         for group in (group for pair in pairs for group in pair):
-            unknown = [hole for hole in group if hole not in anatomy.holes]
+            unknown = [hole for hole in group if hole not in inner]
             if unknown:
-                raise TemplateError(f'anatomy.directions.{side}: "{unknown[0]}" is no hole of this anatomy.')
+                raise TemplateError(
+                    f'anatomy.directions.{side}: "{unknown[0]}" is no hole or landmark of this anatomy.'
+                )
     for hole in anatomy.appendages:
         if hole not in anatomy.holes:
             raise TemplateError(f'anatomy.appendages: "{hole}" is no hole of this anatomy.')

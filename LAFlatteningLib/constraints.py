@@ -20,7 +20,7 @@ class Constraints:
 
     Attributes
     ----------
-    rim_ids, rim_targets : (b,) point ids and (b, 2) map positions of all rim points.
+    rim_ids, rim_targets : (b,) point ids and (b, 2) map positions of all rim points, and of the landmarks.
     path_ids, path_targets : (p,) and (p, 2), likewise, of the points inside paths (their feet belong to rims).
     path_of : (p,) path of each of them.
     """
@@ -65,7 +65,7 @@ def constraints_by_count(division: Division, template: Template, as_printed: boo
 
     def foot(path: str, end: int) -> FloatArray:
         opening = anatomy.opening_of(anatomy.paths[path][end])
-        if as_printed or opening == anatomy.outer:
+        if as_printed or opening not in anatomy.holes:
             return template.foot(path, end)
         rim = template.rim(opening)
         step = 360.0 / PUBLISHED_CIRCLE_STEPS
@@ -105,9 +105,14 @@ def _constraints(
         rim_ids.append(loop)
         along = along_rim(loop)
         stops = np.append(feet[1:], len(loop))
+        targets = []
         for start, stop, angles in zip(feet, stops, rim.arcs(anatomy.feet(opening)), strict=True):
             share = (along[start:stop] - along[start]) / (along[stop] - along[start])
-            rim_targets.append(rim.shape.at(rim.shape.angle_at(*angles, share)))
+            targets.append(rim.shape.at(rim.shape.angle_at(*angles, share)))
+        rim_targets.append(rim.shape.filled(np.concatenate(targets), feet))
+    for name, point in division.landmarks.items():
+        rim_ids.append(np.array([point], np.int64))
+        rim_targets.append(np.array([template.landmarks[name]], np.float64))
     rims = np.concatenate(rim_ids)
     taken = np.zeros(len(division.surface.points), bool)
     taken[rims] = True

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -31,6 +31,7 @@ class Division:
     walks : path -> the way from seed to seed that gave the feet.
     parent : (triangles of `surface`,) the triangle of the cavity of which each is a part.
     notes : what is unusual about the seeds.
+    landmarks : landmark -> its point.
     """
 
     surface: Surface
@@ -40,6 +41,7 @@ class Division:
     walks: Mapping[str, Walk]
     parent: IntArray
     notes: tuple[str, ...] = ()
+    landmarks: Mapping[str, int] = field(default_factory=dict)
 
 
 def divide_as_published(surface: Surface, connected: SeedPaths, template: Template, rounding: str) -> Division:
@@ -73,6 +75,8 @@ def divide_as_published(surface: Surface, connected: SeedPaths, template: Templa
             )
         loops[opening], feet[opening] = loop, _apart(index, len(loop))
     foot = _foot_ids(anatomy, loops, feet)
+    landmarks = {name: int(connected.loops[name][0]) for name in anatomy.landmarks}
+    foot.update({(name, path): point for name, point in landmarks.items() for path in anatomy.feet(name)})
     paths = {}
     for name, (a, b) in anatomy.paths.items():
         start, end = foot[anatomy.opening_of(a), name], foot[anatomy.opening_of(b), name]
@@ -81,7 +85,7 @@ def divide_as_published(surface: Surface, connected: SeedPaths, template: Templa
             raise SurfaceError(f"No path {name} from {a} to {b} on the open cavity: it is not connected.")
         paths[name] = ids
     whole = np.arange(len(surface.triangles))
-    return Division(surface, loops, feet, paths, connected.walks, whole, connected.notes)
+    return Division(surface, loops, feet, paths, connected.walks, whole, connected.notes, landmarks)
 
 
 def _apart(index: IntArray, n: int) -> IntArray:

@@ -318,6 +318,9 @@ def _draw_map(axes: Axes, flat_map: FlatMap, mesh: _Drawn, paint: Paint, raster:
         room = np.abs(outward) @ (0.016 * len(opening) + 0.035, 0.06) * radius
         write_text(axes, outline + room * outward, opening, TEXT_SIZE, weight="bold", halo=True)
         _seeds(axes, np.array([shape.centre]))
+    for name, point in division.landmarks.items():
+        _seeds(axes, flat[point][None])
+        write_text(axes, flat[point] - (0.0, 0.06 * radius), name, TEXT_SIZE, weight="bold", halo=True)
     centre = np.array(template.outer.shape.centre)
     feet = division.loops[anatomy.outer][division.feet[anatomy.outer]]
     for seed, foot in zip(anatomy.outer_seeds, feet, strict=True):
@@ -344,9 +347,9 @@ def _region_words(axes: Axes, flat_map: FlatMap) -> None:
             if anatomy.opening_of(anatomy.paths[path][1 - end]) != anatomy.outer:
                 continue
             middle = 0.5 * sum(arcs[order.index(path)])
-            place = shape.at(middle)
-            outward = (place - shape.centre) / np.linalg.norm(place - shape.centre)
-            place = place + 0.05 * template.radius * outward
+            along = np.subtract(*shape.at([middle + 0.1, middle - 0.1]))
+            outward = np.array([along[1], -along[0]]) / np.linalg.norm(along)
+            place = shape.at(middle) + 0.05 * template.radius * outward
             turn = (np.degrees(np.arctan2(outward[1], outward[0])) + 180.0) % 180.0 - 90.0
             write_text(axes, place, name, TEXT_SIZE, rotation=turn, rotation_mode="anchor")
 

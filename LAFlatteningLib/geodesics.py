@@ -29,6 +29,7 @@ class PathTree:
 
     def __init__(self, graph: sparse.csr_matrix, source: int, limit: float = np.inf) -> None:
         self.source = int(source)
+        self.limit = limit
         self.distance: FloatArray
         """(n,) length of the shortest edge path to each point, infinite where there is none."""
         self.distance, self._before = dijkstra(graph, indices=self.source, return_predecessors=True, limit=limit)

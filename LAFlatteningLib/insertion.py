@@ -184,12 +184,15 @@ def _quality(a: Sequence[float], b: Sequence[float], c: Sequence[float]) -> floa
     return (uu * vv - uv * uv) / (longest * longest)
 
 
-def meeting(surface: Surface, lines: Mapping[str, Line], touching: bool = True) -> set[frozenset[str]]:
+def meeting(
+    surface: Surface, lines: Mapping[str, Line], touching: bool = True, shared: Sequence[int] = ()
+) -> set[frozenset[str]]:
     """The pairs of lines that cross.
 
     Parameters
     ----------
     touching : whether lines that only touch, or pass through the same point, count as well.
+    shared : points where lines may meet, for they end there.
     """
     if not lines:
         return set()
@@ -212,8 +215,8 @@ def meeting(surface: Surface, lines: Mapping[str, Line], touching: bool = True) 
     for k in np.flatnonzero(on_edge).tolist():
         at_edge.setdefault(int(edge[k]), []).append((float(share[k]), int(line[k])))
     if touching:
-        for several in through.values():
-            for a, b in combinations(sorted(several), 2):
+        for point, several in through.items():
+            for a, b in combinations(sorted(several) if point not in shared else (), 2):
                 note(a, b)
         for places in at_edge.values():
             for (one, a), (other, b) in combinations(places, 2):

@@ -13,7 +13,7 @@ from .division import Division
 from .errors import SeedError
 from .geodesic_lines import Line, Place, settle, straighten
 from .geodesics import PathTree
-from .half_edges import HalfEdges
+from .half_edges import HalfEdges, after
 from .insertion import Inserted, insert_lines, meeting
 from .ostium_ways import rim_place
 from .rim_length import rim_lengths
@@ -49,14 +49,15 @@ def divide(surface: Surface, mesh: HalfEdges, connected: SeedPaths, template: Te
     anatomy = template.anatomy
     rims = {o: _Rim(mesh, connected.loops[o], o == anatomy.outer) for o in anatomy.openings}
     feet = {o: _feet(rims[o], connected, template, o) for o in anatomy.openings}
-    feet = _untwisted(surface, rims, feet, connected, anatomy)
-    lines = {name: _line(rims, feet, connected, anatomy, name) for name in anatomy.paths}
+    feet = _untwisted(mesh, surface, rims, feet, connected, anatomy)
+    landmarks = {name: int(connected.loops[name][0]) for name in anatomy.landmarks}
+    lines = {name: _line(mesh, rims, feet, connected, anatomy, name) for name in anatomy.paths}
     lengths = {name: line.length(surface.points) for name, line in lines.items()}
     # The shortest have the least room to give way.
     order = sorted(lines, key=lambda name: lengths[name])
     for name in order:
         _check_detour(name, lengths[name], connected, anatomy, ())
-    kept, waiting = _sort_out(surface, {name: lines[name] for name in order})
+    kept, waiting = _sort_out(surface, {name: lines[name] for name in order}, tuple(landmarks.values()))
     feet_only = {f"{name} {end}": lines[name].place(end) for name in waiting for end in (0, -1)}
     inserted = insert_lines(Inserted.of(surface), {**kept, **feet_only})
     for name in waiting:
@@ -70,7 +71,9 @@ def divide(surface: Surface, mesh: HalfEdges, connected: SeedPaths, template: Te
         _check_detour(name, float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum()), connected, anatomy, others)
     paths = {name: inserted.lines[name] for name in anatomy.paths}
     loops, indices = _loops(inserted.surface, anatomy, connected.loops, paths)
-    return Division(inserted.surface, loops, indices, paths, connected.walks, inserted.parent, connected.notes)
+    return Division(
+        inserted.surface, loops, indices, paths, connected.walks, inserted.parent, connected.notes, landmarks
+    )
 
 
 def _check_detour(name: str, length: float, connected: SeedPaths, anatomy: Anatomy, others: Sequence[str]) -> None:
@@ -211,6 +214,7 @@ def _apart(along: FloatArray, total: float, least: float) -> FloatArray:
 
 
 def _untwisted(
+    mesh: HalfEdges,
     surface: Surface,
     rims: Mapping[str, _Rim],
     feet: dict[str, dict[str, float]],
@@ -232,7 +236,7 @@ def _untwisted(
         options = []
         for mm in (least, -least):
             ends = {order[0]: feet[opening][order[0]], order[1]: rim.coordinate(first + mm)}
-            lines = {name: _line(rims, {**feet, opening: ends}, connected, anatomy, name) for name in order}
+            lines = {name: _line(mesh, rims, {**feet, opening: ends}, connected, anatomy, name) for name in order}
             length = sum(line.length(surface.points) for line in lines.values())
             options.append((bool(meeting(surface, lines)), length, ends))
         feet = {**feet, opening: min(options, key=lambda option: option[:2])[2]}
@@ -240,39 +244,57 @@ def _untwisted(
 
 
 def _line(
-    rims: Mapping[str, _Rim], feet: Mapping[str, Mapping[str, float]], connected: SeedPaths, anatomy: Anatomy, name: str
+    mesh: HalfEdges,
+    rims: Mapping[str, _Rim],
+    feet: Mapping[str, Mapping[str, float]],
+    connected: SeedPaths,
+    anatomy: Anatomy,
+    name: str,
 ) -> Line:
     """The path between its displaced feet: shortest among the ways past the openings like the one between its seeds."""
     walk = connected.walks[name]
-    # The strip of a way leads from the seed of a hole, which may be the path's second.
-    forward = anatomy.paths[name][0] in anatomy.holes
+    # The strip of a way leads from a seed that is not on the outer rim, which may be the path's second.
+    forward = anatomy.paths[name][0] not in anatomy.outer_seeds
     seeds = anatomy.paths[name] if forward else anatomy.paths[name][::-1]
     a, b = (anatomy.opening_of(seed) for seed in seeds)
     strip = list(walk.strip)
     ends = walk.feet if forward else walk.feet[::-1]
+    places: list[Place] = []
     for opening, (one, two, _), leaving in zip((a, b), ends, (True, False), strict=True):
+        if opening in anatomy.landmarks:
+            places.append(Place(int(mesh.first[one]), 0.0))
+            continue
         rim = rims[opening]
+        places.append(rim.place(feet[opening][name]))
         moved = rim.position(feet[opening][name]) - rim.position(connected.feet[opening][name])
         before, after = rim.edge(one, two), rim.edge_at(feet[opening][name])
         strip = [*rim.strip(after, before, -moved), *strip] if leaving else [*strip, *rim.strip(before, after, moved)]
-    line = straighten(rims[a].mesh, rims[a].place(feet[a][name]), rims[b].place(feet[b][name]), strip, CLEARANCE)
+    line = straighten(mesh, places[0], places[1], strip, CLEARANCE)
     return line if forward else line.reversed()
 
 
-def _sort_out(surface: Surface, lines: Mapping[str, Line]) -> tuple[dict[str, Line], list[str]]:
-    """Lines that do not meet, led through points of the mesh that they all but touch; and the names of the others."""
+def _sort_out(
+    surface: Surface, lines: Mapping[str, Line], shared: Sequence[int] = ()
+) -> tuple[dict[str, Line], list[str]]:
+    """Lines that do not meet, led through points of the mesh that they all but touch; and the names of the others.
+
+    Parameters
+    ----------
+    shared : the landmarks, where they may meet.
+    """
     free = np.ones(len(surface.points), bool)
+    free[list(shared)] = False
     for loop in surface.boundary_loops:
         free[loop] = False
     kept: dict[str, Line] = {}
-    meets = meeting(surface, lines)
+    meets = meeting(surface, lines, shared=shared)
     for name, line in lines.items():
         if not any(frozenset((name, other)) in meets for other in kept):
             settled = settle(line, surface.points, free, NEAR_POINT)
             kept[name] = settled
             free[settled.ends[settled.ends[:, 0] == settled.ends[:, 1], 0]] = False
     # A line may have been led through a point across another one beside it.
-    while pairs := meeting(surface, kept):
+    while pairs := meeting(surface, kept, shared=shared):
         for name in set().union(*pairs):
             kept[name] = lines[name]
     return kept, [name for name in lines if name not in kept]
@@ -297,9 +319,27 @@ def _lead_between(inserted: Inserted, name: str, start: int, stop: int) -> Inser
     mesh = HalfEdges.of(surface)
     mesh.angles[taken] = np.inf
     mesh.twin[np.isin(mesh.edge_keys, _edge_keys(inserted))] = -1
+    for point, neighbour in ((start, int(ids[1])), (stop, int(ids[-2]))):
+        _turn_to(mesh, point, neighbour)
     strip = mesh.along(ids.tolist(), None, None)
     line = straighten(mesh, Place(int(mesh.first[start]), 0.0), Place(int(mesh.first[stop]), 0.0), strip, CLEARANCE)
     return insert_lines(inserted, {name: settle(line, surface.points, ~taken, NEAR_POINT)})
+
+
+def _turn_to(mesh: HalfEdges, point: int, neighbour: int) -> None:
+    """Where lines end at a landmark, let `HalfEdges.fan` go over the triangles between the two of them between which a
+    neighbour lies."""
+    leaving = np.flatnonzero(mesh.origin == point)
+    start = next((int(h) for h in leaving if mesh.end(int(h)) == neighbour), None)
+    if start is None:
+        # Along a rim, against its direction: there is nothing to choose.
+        return
+    h = start
+    while mesh.twin[h] >= 0:
+        h = after(int(mesh.twin[h]))
+        if h == start:
+            break
+    mesh.first[point] = h
 
 
 def _edge_keys(inserted: Inserted) -> IntArray:

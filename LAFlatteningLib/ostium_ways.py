@@ -110,10 +110,15 @@ class WaysAcrossOstia:
         hole = seeds.hole.get(label, -1)
         return seeds.positions[label].tobytes() + hole.to_bytes(4, "little", signed=True)
 
-    def _tree(self, seeds: SnappedSeeds, start: str) -> PathTree:
-        """All shortest ways along edges from a seed: over its cone to its rim, or to both sides on the outer rim."""
+    def _tree(self, seeds: SnappedSeeds, start: str, limit: float = np.inf) -> PathTree:
+        """All shortest ways along edges from a seed: over its cone to its rim, or to both sides on the outer rim.
+
+        Parameters
+        ----------
+        limit : what is farther than this, mm, may be missing.
+        """
         key = self._key(seeds, start)
-        if start not in self._trees or self._trees[start][0] != key:
+        if start not in self._trees or self._trees[start][0] != key or self._trees[start][1].limit < limit:
             # The seed is one more node, with edges out to its rim and none back in.
             n = self._graph.shape[0]
             rim, far = self._around(seeds, start)
@@ -125,13 +130,15 @@ class WaysAcrossOstia:
                 ),
                 shape=(n + 1, n + 1),
             )
-            self._trees[start] = key, PathTree(extended, n)
+            self._trees[start] = key, PathTree(extended, n, limit)
         return self._trees[start][1]
 
     def _around(self, seeds: SnappedSeeds, label: str) -> tuple[IntArray, FloatArray]:
         """The points of the cavity that can be reached straight from a seed, and how far they are, mm."""
         if label in seeds.hole:
             near = self._cavity.rims[seeds.hole[label]]
+        elif label in seeds.landmark:
+            near = np.array([seeds.landmark[label]], np.int64)
         else:
             outer = self._cavity.outer
             first = int(seeds.outer_at[label])
@@ -173,14 +180,14 @@ class WaysAcrossOstia:
         begin, stop = self._place(seeds, start), self._place(seeds, end)
 
         def line_along(path: list[int]) -> Line:
-            points = [n + seeds.hole[start], *self._over_edges(path)]
-            if end in seeds.hole:
-                points.append(n + seeds.hole[end])
-            strip = mesh.along(points, None, None if end in seeds.hole else stop.half_edge // 3)
+            cones = [[n + seeds.hole[label]] if label in seeds.hole else [] for label in (start, end)]
+            points = [*cones[0], *self._over_edges(path), *cones[1]]
+            strip = mesh.along(points, None, stop.half_edge // 3 if end in seeds.outer_at else None)
             return straighten(mesh, begin, stop, strip)
 
         best = line_along(direct)
-        back = self._tree(seeds, end)
+        # (Nothing farther from the end than the detours allow is looked at; other ways start from the seeds of holes.)
+        back = self._tree(seeds, end, np.inf if end in seeds.hole else (1.0 + max(*DETOURS, FOOT_DETOUR)) * length)
         # Along edges, ways look longer than they are, and unevenly so: lines that leave a rim elsewhere, or on either
         # side of the one found, may be shorter.
         # (The last entry of a tree is its seed.)
@@ -218,6 +225,8 @@ class WaysAcrossOstia:
     def _place(self, seeds: SnappedSeeds, label: str) -> Place:
         if label in seeds.hole:
             return Place(int(self._joined[seeds.hole[label]][1][0]) - 1, 0.0)
+        if label in seeds.landmark:
+            return Place(int(self.mesh.first[seeds.landmark[label]]), 0.0)
         return rim_place(self.mesh, self._cavity.outer, seeds.outer_at[label])
 
     def _over_edges(self, path: list[int]) -> list[int]:
@@ -239,14 +248,18 @@ class WaysAcrossOstia:
         strip = np.array(line.strip, np.int64)
         twin = mesh.twin[strip]
         # Out of the first cone for the last time, into the last one for the first time.
-        begin = int(np.flatnonzero(strip >= 3 * m)[-1]) + 1
-        feet = [(int(twin[begin - 1]), 1.0 - float(line.crossing[begin - 1]))]
+        if start in seeds.hole:
+            begin = int(np.flatnonzero(strip >= 3 * m)[-1]) + 1
+            feet = [(int(twin[begin - 1]), 1.0 - float(line.crossing[begin - 1]))]
+        else:
+            place = self._place(seeds, start)
+            begin, feet = 0, [(place.half_edge, place.share)]
         if end in seeds.hole:
             into = begin + int(np.flatnonzero(twin[begin:] >= 3 * m)[0])
             feet.append((int(strip[into]), float(line.crossing[into])))
         else:
             into = len(strip)
-            place = rim_place(self.mesh, self._cavity.outer, seeds.outer_at[end])
+            place = self._place(seeds, end)
             feet.append((place.half_edge, place.share))
         return Walk(
             line.length(mesh.points),

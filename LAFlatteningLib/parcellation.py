@@ -22,8 +22,9 @@ from .errors import TemplateError
 from .flattening.flat_map import FlatMap
 from .map_data import MapData
 from .schema import load_json, validate
+from .shapes import FloatArray, Shape
 from .surface import Surface
-from .template import FloatArray, Shape, Template, builtin_templates, inside_polygon
+from .template import Template, builtin_templates, inside_polygon
 
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
@@ -329,7 +330,7 @@ def _region_polygon(template: Template, region: int) -> FloatArray:
             first, last = np.arctan2(*(far - centre).T[::-1])
             turn = first + np.linspace(0.0, 1.0, 9) * ((last - first) % (2.0 * np.pi))
             corners.append(centre + 4.0 * template.radius * np.stack([np.cos(turn), np.sin(turn)], axis=1))
-        else:
+        elif opening in template.holes:
             corners.append(np.array([template.holes[opening].shape.centre]))
     return np.concatenate(corners)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .surface import FloatArray
 
@@ -36,16 +37,21 @@ def rim_lengths(points: FloatArray) -> FloatArray:
     # each, and nothing is left of the higher ones.
     count = int(np.ceil(8.0 * raw[-1] / (2.0 * np.pi * SMOOTHING_MM)))
     frequency = 2.0 * np.pi / raw[-1] * np.arange(1, count + 1)
-    steps = np.diff(np.exp(-1j * np.outer(frequency, raw)), axis=1)
+    steps = np.diff(_harmonics(-frequency[0] * raw, count), axis=1)
     factor = np.exp(-0.5 * (SMOOTHING_MM * frequency) ** 2) / frequency
     # (The rim is closed: the mean of its direction is 0.)
     coefficients = (2j / raw[-1] * factor)[:, None] * (steps @ directions)
     nodes, weights = np.polynomial.legendre.leggauss(4)
     at = (raw[:-1, None] + 0.5 * length[:, None] * (1.0 + nodes)).reshape(-1)
-    smoothed = (np.exp(1j * np.outer(at, frequency)) @ coefficients).real
+    smoothed = (_harmonics(frequency[0] * at, count).T @ coefficients).real
     along = 0.5 * length * (np.linalg.norm(smoothed, axis=1).reshape(-1, 4) @ weights)
     # Never without length, so that no two points fall together.
     return np.concatenate([[0.0], np.cumsum(np.maximum(along, 1e-3 * length))])
+
+
+def _harmonics(angle: FloatArray, count: int) -> NDArray[np.complex128]:
+    """exp(i j angle) for j = 1, 2, ..., (count, angles); as powers, many times faster than one exponential each."""
+    return np.cumprod(np.broadcast_to(np.exp(1j * angle), (count, len(angle))), axis=0)
 
 
 HARMONICS = 4

@@ -60,9 +60,9 @@ class SeedPaths:
     Attributes
     ----------
     walks : path -> the way from the first seed to the second.
-    loops : opening -> its rim as ids of the cavity, counter-clockwise on the map.
-    feet : opening -> path -> where the path leaves the cover (or where the seed is, on the outer rim): index in the
-        loop, plus the share of the way to its next point.
+    loops : opening -> its rim as ids of the cavity, counter-clockwise on the map; landmark -> its point.
+    feet : opening or landmark -> path -> where the path leaves the cover (or where the seed is, on the outer rim):
+        index in the loop, plus the share of the way to its next point.
     notes : what is unusual about the seeds.
     """
 
@@ -78,10 +78,10 @@ class SeedPaths:
 
 
 class Ways(Protocol):
-    """A way of going from the seed of a hole to other seeds."""
+    """A way of going from the seed of a hole, or from a landmark, to other seeds."""
 
     def walk(self, seeds: SnappedSeeds, start: str, end: str) -> Walk | None:
-        """The shortest way from the seed of a hole to another seed; None if there is no way."""
+        """The shortest way from a seed that is not on the outer rim to another one; None if there is no way."""
 
     def crossing(self, walks: Mapping[str, Walk]) -> set[frozenset[str]]:
         """The pairs of walks that cross."""
@@ -166,10 +166,12 @@ def connect_seeds(
 def _connect(cavity: Cavity, seeds: SnappedSeeds, anatomy: Anatomy, ways: Ways) -> SeedPaths:
     loops = {hole: cavity.rims[seeds.hole[hole]][::-1] for hole in anatomy.holes}
     loops[anatomy.outer] = cavity.outer
-    feet: dict[str, dict[str, float]] = {opening: {} for opening in anatomy.openings}
+    # A landmark is like a rim of one point.
+    loops.update({label: np.array([point], np.int64) for label, point in seeds.landmark.items()})
+    feet: dict[str, dict[str, float]] = {opening: {} for opening in loops}
     walks = {}
     for name, (a, b) in anatomy.paths.items():
-        forward = a in seeds.hole
+        forward = a not in anatomy.outer_seeds
         walk = ways.walk(seeds, a, b) if forward else ways.walk(seeds, b, a)
         if walk is None:
             raise SurfaceError(f"No path {name} from {a} to {b} on the surface: it is not connected.")
@@ -241,7 +243,7 @@ def _explain(cavity: Cavity, seeds: SnappedSeeds, anatomy: Anatomy, ways: Ways, 
     Paths that only touch on a coarse mesh, with every rim in order, are no error here.
     """
     wrong = _out_of_order(paths, anatomy)
-    kinds = (anatomy.holes, tuple(sorted(anatomy.outer_seeds)))
+    kinds = (anatomy.holes, tuple(anatomy.landmarks), tuple(sorted(anatomy.outer_seeds)))
     candidates = []
     for a, b in (pair for kind in kinds for pair in combinations(kind, 2)):
         renamed = seeds.renamed({a: b, b: a})
@@ -283,7 +285,7 @@ def _far_seeds(seeds: SnappedSeeds, anatomy: Anatomy, ways: Ways) -> tuple[str, 
     """A note for each outer seed that is much farther from its hole than the outer rim is."""
     notes = []
     for seed, path in zip(anatomy.outer_seeds, anatomy.outer_paths, strict=True):
-        hole = next(end for end in anatomy.paths[path] if end in anatomy.holes)
+        hole = next(end for end in anatomy.paths[path] if end not in anatomy.outer_seeds)
         length, shortest = ways.distance(seeds, hole, seed), ways.to_outer_rim(seeds, hole)
         if length > FAR_SEED * shortest:
             notes.append(
@@ -296,7 +298,9 @@ def _far_seeds(seeds: SnappedSeeds, anatomy: Anatomy, ways: Ways) -> tuple[str, 
 def _shift(seeds: SnappedSeeds, anatomy: Anatomy, ways: Ways) -> tuple[int, float, float]:
     """By how many places the outer seeds look moved on; length of the paths to them as they are, and then, mm."""
     order = tuple(anatomy.outer_seeds)
-    holes = [next(seed for seed in anatomy.paths[path] if seed in anatomy.holes) for path in anatomy.outer_paths]
+    holes = [
+        next(seed for seed in anatomy.paths[path] if seed not in anatomy.outer_seeds) for path in anatomy.outer_paths
+    ]
     lengths = [
         sum(ways.distance(seeds, hole, order[(k + shift) % len(order)]) for k, hole in enumerate(holes))
         for shift in range(len(order))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -33,6 +33,7 @@ class SnappedSeeds:
     moved_mm : seed -> how far it was moved: to the point of its cover, or to its place on the outer rim.
     positions : seed -> (3,) the nearest place on its cover or on the outer rim, not tied to a point of it, mm.
     outer_at : outer seed -> where that is along `Cavity.outer`: index, plus the share of the way to the next point.
+    landmark : landmark -> the point of `Cavity.surface` that it is moved to.
     """
 
     ids: Mapping[str, int]
@@ -40,6 +41,7 @@ class SnappedSeeds:
     moved_mm: Mapping[str, float]
     positions: Mapping[str, FloatArray]
     outer_at: Mapping[str, float]
+    landmark: Mapping[str, int] = field(default_factory=dict)
 
     def renamed(self, names: Mapping[str, str]) -> SnappedSeeds:
         """The same places with other labels: label -> the label whose place it takes."""
@@ -50,6 +52,7 @@ class SnappedSeeds:
             {label: self.moved_mm[source[label]] for label in self.moved_mm},
             {label: self.positions[source[label]] for label in self.positions},
             {label: self.outer_at[source[label]] for label in self.outer_at},
+            {label: self.landmark[source[label]] for label in self.landmark},
         )
 
 
@@ -88,7 +91,8 @@ def check_labels(seeds: Mapping[str, FloatArray], anatomy: Anatomy) -> dict[str,
 
 
 def snap_seeds(seeds: Mapping[str, FloatArray], cavity: Cavity, anatomy: Anatomy) -> SnappedSeeds:
-    """Move each seed to the nearest point of its own kind: covers for holes, the outer rim for the others.
+    """Move each seed to the nearest point of its own kind: covers for holes, the outer rim for the seeds on it, points
+    of the surface off all rims for landmarks.
 
     Parameters
     ----------
@@ -96,19 +100,24 @@ def snap_seeds(seeds: Mapping[str, FloatArray], cavity: Cavity, anatomy: Anatomy
 
     Raises
     ------
-    SeedError : missing labels; farther than `SNAP_LIMIT_MM` from any cover (or from the outer rim), saying so
+    SeedError : missing labels; farther than `SNAP_LIMIT_MM` from any cover (outer rim, surface), saying so
         when the cause is a mix-up of RAS and LPS or of units; two seeds on one opening or one rim point.
     """
     seeds = check_labels(seeds, anatomy)
     covers = cavity.cover_points
-    cover_tree = cKDTree(cavity.closed.points[np.concatenate(covers)])
     cover_of = np.repeat(np.arange(len(covers)), [len(points) for points in covers])
-    cover_ids = np.concatenate(covers)
+    cover_ids = np.concatenate([np.zeros(0, np.int64), *covers])
+    cover_tree = cKDTree(cavity.closed.points[cover_ids])
     outer_ids = cavity.ids[cavity.outer]
     outer_tree = cKDTree(cavity.closed.points[outer_ids])
+    inner = np.ones(len(cavity.surface.points), bool)
+    inner[np.concatenate([cavity.outer, *cavity.rims])] = False
+    inner_ids = np.flatnonzero(inner)
+    inner_tree = cKDTree(cavity.surface.points[inner_ids]) if anatomy.landmarks else cover_tree
 
     def distance(position: FloatArray, label: str) -> float:
-        return float((outer_tree if label in anatomy.outer_seeds else cover_tree).query(position)[0])
+        tree = outer_tree if label in anatomy.outer_seeds else inner_tree if label in anatomy.landmarks else cover_tree
+        return float(tree.query(position)[0])
 
     far = tuple(label for label, position in seeds.items() if distance(position, label) > SNAP_LIMIT_MM)
     if far:
@@ -118,6 +127,7 @@ def snap_seeds(seeds: Mapping[str, FloatArray], cavity: Cavity, anatomy: Anatomy
     moved: dict[str, float] = {}
     positions: dict[str, FloatArray] = {}
     outer_at: dict[str, float] = {}
+    landmark: dict[str, int] = {}
     for label, position in seeds.items():
         if label in anatomy.outer_seeds:
             ids[label] = int(outer_ids[outer_tree.query(position)[1]])
@@ -128,6 +138,18 @@ def snap_seeds(seeds: Mapping[str, FloatArray], cavity: Cavity, anatomy: Anatomy
                     raise SeedError(
                         f"Seeds {other} and {label} sit on the same place of the {anatomy.outer} rim; expected "
                         f"{len(anatomy.outer_seeds)} different places. Move one of them along the rim.",
+                        (other, label),
+                    )
+        elif label in anatomy.landmarks:
+            landmark[label] = int(inner_ids[inner_tree.query(position)[1]])
+            ids[label] = int(cavity.ids[landmark[label]])
+            positions[label] = cavity.surface.points[landmark[label]]
+            moved[label] = float(np.linalg.norm(positions[label] - position))
+            for other in landmark:
+                if other != label and landmark[other] == landmark[label]:
+                    raise SeedError(
+                        f"Seeds {other} and {label} sit on the same point of the surface; expected two different "
+                        "places. Move one of them.",
                         (other, label),
                     )
         else:
@@ -149,7 +171,7 @@ def snap_seeds(seeds: Mapping[str, FloatArray], cavity: Cavity, anatomy: Anatomy
                 f"The opening near {empty} mm has none: move one of them there.",
                 (label, rivals[0]),
             )
-    return SnappedSeeds(ids, hole, moved, positions, outer_at)
+    return SnappedSeeds(ids, hole, moved, positions, outer_at, landmark)
 
 
 def _nearest_on_rim(cavity: Cavity, position: FloatArray) -> tuple[float, FloatArray]:
@@ -226,13 +248,20 @@ def _explain_far_seeds(
         found = distance(seeds[label], label)
         if label in anatomy.outer_seeds:
             parts.append(f"{label} is {found:.0f} mm from the {anatomy.outer} rim")
+        elif label in anatomy.landmarks:
+            parts.append(f"{label} is {found:.0f} mm from the surface")
         else:
             rim = np.linalg.norm(cavity.surface.points[cavity.outer] - seeds[label], axis=1).min()
             where = f" and lies at the {anatomy.outer} rim instead" if rim <= SNAP_LIMIT_MM else ""
             parts.append(f"{label} is {found:.0f} mm from the nearest opening{where}")
+    kinds = (
+        (anatomy.holes, "to the centre of their opening"),
+        (tuple(anatomy.landmarks), "to the wall"),
+        (tuple(sorted(anatomy.outer_seeds)), f"to the {anatomy.outer} rim"),
+    )
+    belong = [f"{', '.join(labels)} {where}" for labels, where in kinds if labels]
     raise SeedError(
         f"Seeds too far from where they belong (at most {SNAP_LIMIT_MM:g} mm allowed): {'; '.join(parts)}. "
-        f"{', '.join(anatomy.holes)} belong to the centre of their opening, "
-        f"{', '.join(sorted(anatomy.outer_seeds))} to the {anatomy.outer} rim.",
+        f"They belong: {', '.join(belong)}.",
         far,
     )

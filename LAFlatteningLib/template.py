@@ -9,91 +9,23 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from .anatomy import ANATOMIES, Anatomy
 from .errors import TemplateError
 from .files import atomic_write
 from .schema import load_json, validate
-
-FloatArray = NDArray[np.float64]
+from .shapes import Cornered, FloatArray, Shape, shape_from_dict
 
 DEFAULT_TEMPLATE = "adapted1"
 _FOLDER = Path(__file__).parent / "templates"
-
-
-@dataclass(frozen=True)
-class Shape:
-    """An ellipse in the plane; a circle is one with equal semi-axes.
-
-    Angles are in degrees, counter-clockwise, and parametrise the ellipse: for a circle they are the ordinary
-    angle about its centre.
-    """
-
-    centre: tuple[float, float]
-    semi_axes: tuple[float, float]
-    rotation: float = 0.0
-
-    def at(self, degrees: ArrayLike) -> FloatArray:
-        """Points of the outline at some angles, shape of the angles with a last axis of 2."""
-        t = np.deg2rad(np.asarray(degrees, dtype=np.float64))
-        x, y = self.semi_axes[0] * np.cos(t), self.semi_axes[1] * np.sin(t)
-        c, s = np.cos(np.deg2rad(self.rotation)), np.sin(np.deg2rad(self.rotation))
-        return np.stack([self.centre[0] + c * x - s * y, self.centre[1] + s * x + c * y], axis=-1)
-
-    def _lengths(self, start: float, end: float) -> tuple[FloatArray, FloatArray]:
-        degrees = np.linspace(start, end, 2001)
-        steps = np.linalg.norm(np.diff(self.at(degrees), axis=0), axis=1)
-        return degrees, np.concatenate([[0.0], np.cumsum(steps)])
-
-    def arc_length(self, start: float, end: float) -> float:
-        """Length of the outline from one angle to another, going counter-clockwise if `end` is larger."""
-        if self.semi_axes[0] == self.semi_axes[1]:
-            return float(abs(np.deg2rad(end - start)) * self.semi_axes[0])
-        return float(self._lengths(start, end)[1][-1])
-
-    def angle_at(self, start: float, end: float, fraction: FloatArray) -> FloatArray:
-        """Angles at which a fraction of the outline's *length* between two angles has been walked, degrees."""
-        if self.semi_axes[0] == self.semi_axes[1]:
-            return start + (end - start) * fraction
-        degrees, lengths = self._lengths(start, end)
-        return np.interp(fraction * lengths[-1], lengths, degrees)
-
-    def project(self, points: FloatArray) -> FloatArray:
-        """The places (k, 2) where the rays from the centre through points (k, 2) meet the outline."""
-        c, s = np.cos(np.deg2rad(self.rotation)), np.sin(np.deg2rad(self.rotation))
-        offset = points - np.asarray(self.centre)
-        scale = np.linalg.norm(offset @ np.array([[c, -s], [s, c]]) / np.asarray(self.semi_axes), axis=1)[:, None]
-        # The centre itself is on no ray: the end of the shorter axis is nearest to it.
-        nearest = self.at(90.0 * int(np.argmin(self.semi_axes)))
-        return np.where(scale > 0.0, self.centre + offset / np.where(scale > 0.0, scale, 1.0), nearest)
-
-    def angle_of(self, point: ArrayLike) -> float:
-        """The angle (degrees, 0 to 360) at which the ray from the centre through a point (2,) meets the outline."""
-        c, s = np.cos(np.deg2rad(self.rotation)), np.sin(np.deg2rad(self.rotation))
-        x, y = (np.asarray(point, dtype=np.float64) - self.centre) @ np.array([[c, -s], [s, c]]) / self.semi_axes
-        return float(np.rad2deg(np.arctan2(y, x)) % 360.0)
-
-    def contains(self, points: FloatArray) -> NDArray[np.bool_]:
-        """Whether points (k, 2) are inside the outline, (k,)."""
-        c, s = np.cos(np.deg2rad(self.rotation)), np.sin(np.deg2rad(self.rotation))
-        local = (points - np.asarray(self.centre)) @ np.array([[c, -s], [s, c]]) / np.asarray(self.semi_axes)
-        return np.einsum("ij,ij->i", local, local) < 1.0
-
-    def distance(self, points: FloatArray) -> FloatArray:
-        """How far points (k, 2) are from the outline, measured along the ray from its centre; (k,)."""
-        return np.linalg.norm(points - self.project(points), axis=1)
-
-    def outline(self, count: int = 180) -> FloatArray:
-        """A closed polygon of the outline, (count, 2), without repeating the first point."""
-        return self.at(np.linspace(0.0, 360.0, count, endpoint=False))
 
 
 @dataclass(frozen=True)
@@ -133,6 +65,7 @@ class Template:
     anatomy : what is laid out.
     outer : rim of the map.
     holes : opening -> its rim.
+    landmarks : landmark -> its place on the map.
     """
 
     name: str
@@ -141,6 +74,7 @@ class Template:
     holes: Mapping[str, Rim]
     title: str = ""
     source: str = ""
+    landmarks: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         _check(self)
@@ -157,6 +91,8 @@ class Template:
     def foot(self, path: str, end: int) -> FloatArray:
         """Where a path starts (`end` = 0) or ends (1) on the map, (2,)."""
         opening = self.anatomy.opening_of(self.anatomy.paths[path][end])
+        if opening in self.landmarks:
+            return np.array(self.landmarks[opening], dtype=np.float64)
         rim = self.rim(opening)
         return rim.shape.at(rim.feet[path])
 
@@ -171,12 +107,14 @@ class Template:
         for (path, end), (after, _) in zip(face, face[1:] + face[:1], strict=True):
             outline.append(self.segment(path)[[end, 1 - end]])
             opening = self.anatomy.opening_of(self.anatomy.paths[path][1 - end])
+            if opening in self.landmarks:
+                continue
             order, rim = self.anatomy.feet(opening), self.rim(opening)
             arcs = rim.arcs(order)
             # With the region on the left, a hole is walked round clockwise, the outer rim counter-clockwise.
             start, stop = arcs[order.index(path)] if opening == self.anatomy.outer else arcs[order.index(after)][::-1]
             count = max(2, int(abs(stop - start) / step))
-            outline.append(rim.shape.at(np.linspace(start, stop, count)))
+            outline.append(rim.shape.at(rim.shape.angles_between(start, stop, count)))
         return np.concatenate(outline)
 
     @classmethod
@@ -200,10 +138,14 @@ class Template:
         return cls(
             data["name"],
             anatomy,
-            _rim(data["outer"], False),
-            {name: _rim(rim, bool(rim.get("spread_feet", True))) for name, rim in data["holes"].items()},
+            _rim(data["outer"], "outer", False),
+            {
+                name: _rim(rim, f"holes.{name}", bool(rim.get("spread_feet", True)))
+                for name, rim in data["holes"].items()
+            },
             data.get("title", ""),
             data.get("source", ""),
+            {name: (float(place[0]), float(place[1])) for name, place in data.get("landmarks", {}).items()},
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -213,11 +155,13 @@ class Template:
         data: dict[str, Any] = {"schema": template_schema()["$id"], "name": self.name}
         data.update({key: text for key, text in (("title", self.title), ("source", self.source)) if text})
         data["anatomy"] = anatomy.name if built_in else anatomy.to_dict()
-        data["outer"] = {"shape": _shape_to_dict(self.outer.shape), "feet": dict(self.outer.feet)}
+        data["outer"] = {"shape": self.outer.shape.to_dict(), "feet": dict(self.outer.feet)}
         data["holes"] = {
-            name: {"shape": _shape_to_dict(rim.shape), "feet": dict(rim.feet), "spread_feet": rim.spread_feet}
+            name: {"shape": rim.shape.to_dict(), "feet": dict(rim.feet), "spread_feet": rim.spread_feet}
             for name, rim in self.holes.items()
         }
+        if self.landmarks:
+            data["landmarks"] = {name: list(place) for name, place in self.landmarks.items()}
         return data
 
     def save(self, path: str | Path) -> None:
@@ -239,7 +183,7 @@ class Template:
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> Template:
-        """A built-in template by name ("adapted1", "adapted2", "population") or one from a JSON file."""
+        """A built-in template by name (see `builtin_templates`) or one from a JSON file."""
         if str(name_or_path) in builtin_templates():
             return _builtin(str(name_or_path))
         path = Path(name_or_path)
@@ -265,9 +209,10 @@ def template_schema() -> dict[str, Any]:
 
 
 @cache
-def builtin_templates() -> tuple[str, ...]:
-    """Names of the templates that come with the library."""
-    return tuple(sorted(path.stem for path in _FOLDER.glob("*.json") if path.stem != "schema"))
+def builtin_templates(anatomy: str | None = None) -> tuple[str, ...]:
+    """Names of the templates that come with the library: all of them, or those of one anatomy ("left_atrium")."""
+    names = tuple(sorted(path.stem for path in _FOLDER.glob("*.json") if path.stem != "schema"))
+    return names if anatomy is None else tuple(name for name in names if _builtin(name).anatomy.name == anatomy)
 
 
 @cache
@@ -275,26 +220,12 @@ def _builtin(name: str) -> Template:
     return Template.from_dict(load_json(_FOLDER / f"{name}.json"))
 
 
-def _shape_to_dict(shape: Shape) -> dict[str, Any]:
-    centre = list(shape.centre)
-    if shape.semi_axes[0] == shape.semi_axes[1] and shape.rotation == 0.0:
-        return {"type": "circle", "centre": centre, "radius": shape.semi_axes[0]}
-    turned = {"rotation_degrees": shape.rotation} if shape.rotation else {}
-    return {"type": "ellipse", "centre": centre, "semi_axes": list(shape.semi_axes), **turned}
-
-
-def _rim(data: Mapping[str, Any], spread_feet: bool) -> Rim:
-    shape = data["shape"]
-    semi_axes = [shape["radius"]] * 2 if shape["type"] == "circle" else shape["semi_axes"]
-    return Rim(
-        Shape(
-            (float(shape["centre"][0]), float(shape["centre"][1])),
-            (float(semi_axes[0]), float(semi_axes[1])),
-            float(shape.get("rotation_degrees", 0.0)),
-        ),
-        {path: float(angle) for path, angle in data["feet"].items()},
-        spread_feet,
-    )
+def _rim(data: Mapping[str, Any], field: str, spread_feet: bool) -> Rim:
+    try:
+        shape = shape_from_dict(data["shape"])
+    except TemplateError as error:
+        raise TemplateError(f"{field}.{error}") from None
+    return Rim(shape, {path: float(angle) for path, angle in data["feet"].items()}, spread_feet)
 
 
 def _check(template: Template) -> None:
@@ -306,20 +237,30 @@ def _check(template: Template) -> None:
     for hole in template.holes:
         if hole not in anatomy.holes:
             raise TemplateError(f"holes.{hole}: unknown opening; {anatomy.name} has {', '.join(anatomy.holes)}.")
+    for name in anatomy.landmarks:
+        if name not in template.landmarks:
+            raise TemplateError(f"landmarks.{name}: missing; expected its place on the map, [x, y].")
+    for name in template.landmarks:
+        if name not in anatomy.landmarks:
+            known = ", ".join(anatomy.landmarks) or "none"
+            raise TemplateError(f"landmarks.{name}: unknown landmark; {anatomy.name} has {known}.")
     for opening in anatomy.openings:
-        field = "outer" if opening == anatomy.outer else f"holes.{opening}"
+        where = "outer" if opening == anatomy.outer else f"holes.{opening}"
         rim, order = template.rim(opening), anatomy.feet(opening)
         if set(rim.feet) != set(order):
             raise TemplateError(
-                f"{field}.feet: expected an angle for each of {', '.join(order)}, "
+                f"{where}.feet: expected an angle for each of {', '.join(order)}, "
                 f"found {', '.join(rim.feet) or 'none'}."
             )
         total = sum(end - start for start, end in rim.arcs(order))
         if order and not np.isclose(total, 360.0):
             raise TemplateError(
-                f"{field}.feet: angles out of order; counter-clockwise expected {', '.join(order)}, found "
+                f"{where}.feet: angles out of order; counter-clockwise expected {', '.join(order)}, found "
                 f"{', '.join(sorted(order, key=lambda path: rim.feet[path] % 360))}."
             )
+    for hole in anatomy.holes:
+        if isinstance(template.holes[hole].shape, Cornered):
+            raise TemplateError(f"holes.{hole}.shape: expected a circle or an ellipse; only the outer rim has corners.")
     shapes = {hole: template.holes[hole].shape for hole in anatomy.holes}
     outlines, outer = {hole: shape.outline() for hole, shape in shapes.items()}, template.outer.shape
     for hole, outline in outlines.items():
@@ -330,6 +271,12 @@ def _check(template: Template) -> None:
     for a, b in combinations(anatomy.holes, 2):
         if shapes[b].contains(outlines[a]).any() or shapes[a].contains(outlines[b]).any():
             raise TemplateError(f"holes.{a}.shape: overlaps holes.{b}.shape; move them apart or make them smaller.")
+    for name, place in template.landmarks.items():
+        if not outer.contains(np.array([place])).all():
+            raise TemplateError(f"landmarks.{name}: lies beyond the outer rim; move it inwards.")
+        for hole, shape in shapes.items():
+            if shape.contains(np.array([place])).any():
+                raise TemplateError(f"landmarks.{name}: lies in the hole {hole}; move it out.")
     segments = {path: template.segment(path) for path in anatomy.paths}
     for path, (start, end) in segments.items():
         inner = start + np.linspace(0.001, 0.999, 200)[:, None] * (end - start)
@@ -338,9 +285,26 @@ def _check(template: Template) -> None:
                 raise TemplateError(f"path {path} crosses the hole {hole}; change the angles of its feet.")
         if not outer.contains(inner).all():
             raise TemplateError(f"path {path} leaves the map; change the angles of its feet.")
+    for name in anatomy.landmarks:
+        _check_order(template, name, segments)
     for a, b in combinations(segments, 2):
         if _cross(segments[a], segments[b]):
             raise TemplateError(f"paths {a} and {b} cross; change the angles of their feet.")
+
+
+def _check_order(template: Template, landmark: str, segments: Mapping[str, FloatArray]) -> None:
+    """Raise TemplateError where the paths do not leave a landmark in the order of the anatomy."""
+    order = template.anatomy.feet(landmark)
+    heading = {}
+    for path in order:
+        start, end = segments[path] if template.anatomy.paths[path][0] == landmark else segments[path][::-1]
+        heading[path] = float(np.rad2deg(np.arctan2(*(end - start)[::-1])) % 360.0)
+    turns = [(heading[b] - heading[a]) % 360.0 for a, b in zip(order, order[1:] + order[:1], strict=True)]
+    if len(order) > 1 and not (min(turns) > 0.0 and np.isclose(sum(turns), 360.0)):
+        raise TemplateError(
+            f"landmarks.{landmark}: its paths leave it out of order; counter-clockwise expected {', '.join(order)}, "
+            f"found {', '.join(sorted(order, key=lambda path: heading[path]))}."
+        )
 
 
 def inside_polygon(points: FloatArray, polygon: FloatArray) -> NDArray[np.bool_]:

@@ -40,10 +40,10 @@ class TemplateLogic:
 
     def templateChoices(self, parameterNode: LAFlatteningParameterNode) -> dict[str, str]:
         """Text of a template -> what it is called: the built-in ones, and the user's, if there is one."""
-        choices = {name: name for name in builtin_templates()}
+        choices = {name: name for name in builtin_templates("left_atrium")}
         for text in (parameterNode.ownTemplate, parameterNode.template):
             if isContent(text):
-                choices = {name: name for name in builtin_templates()} | {text: templateOf(text).name}
+                choices = {name: name for name in builtin_templates("left_atrium")} | {text: templateOf(text).name}
         return choices
 
     def openTemplate(self, parameterNode: LAFlatteningParameterNode, path: str | Path) -> None:

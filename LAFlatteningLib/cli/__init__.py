@@ -25,6 +25,7 @@ from . import (
     prepare,
     project,
     run,
+    template,
     texture,
 )
 from .progress import Progress
@@ -32,7 +33,9 @@ from .progress import Progress
 BAD_INPUT = 2
 """Exit code for input that cannot be used."""
 
-COMMANDS = (run, prepare, flatten, project, fibrosis, gaps, compare, measure, distortion, texture, peers, demo, info)
+COMMANDS = (
+    run, prepare, flatten, project, fibrosis, gaps, compare, measure, distortion, texture, template, peers, demo, info,
+)  # fmt: skip
 """In the order of the help."""
 
 

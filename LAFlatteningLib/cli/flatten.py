@@ -36,9 +36,15 @@ def add(commands: Subcommands) -> None:
     flat.add_argument(
         "--seeds",
         required=True,
-        help="9 seeds: CSV label,x_mm,y_mm,z_mm in the surface's coordinates, or a Slicer markups file .mrk.json",
+        help="the seeds of the template (9 for the left atrium): CSV label,x_mm,y_mm,z_mm in the surface's "
+        "coordinates, or a Slicer markups file .mrk.json",
     )
-    flat.add_argument("--output", required=True, metavar="MAP.vtp", help="the map, a disk of radius 0.5 at z = 0")
+    flat.add_argument(
+        "--output",
+        required=True,
+        metavar="MAP.vtp",
+        help="the map, at z = 0 (a disk of radius 0.5, unless the template says otherwise)",
+    )
     flat.add_argument("--method", choices=METHODS, default=METHODS[0], help="default: %(default)s")
     flat.add_argument(
         "--rounding",

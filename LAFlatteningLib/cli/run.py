@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..analysis_figures import draw_comparison, draw_difference, draw_fibrosis
+from ..anatomy import LEFT_ATRIUM
 from ..blood_pool import BloodPool, find_blood_pool
 from ..comparison import compare_maps
 from ..errors import InputFileError, LAFlatteningError, SurfaceError
@@ -88,7 +89,7 @@ def add(commands: Subcommands) -> None:
         "--template",
         default=DEFAULT_TEMPLATE,
         metavar="NAME|FILE.json",
-        help=f"{', '.join(builtin_templates())}, or a template file (default: %(default)s)",
+        help=f"{', '.join(builtin_templates('left_atrium'))}, or a template file (default: %(default)s)",
     )
 
 
@@ -105,6 +106,11 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
     tips, planes = read_given(options, surface.space)
     _check_array(options, surface)
     template = Template.load(options.template)
+    if set(template.anatomy.seeds) != set(LEFT_ATRIUM.seeds):
+        raise InputFileError(
+            f'--template "{options.template}" is of the anatomy {template.anatomy.name}; only left atria are prepared '
+            "and seeded by themselves. Cut the chamber open, place its seeds and use la-flatten flatten."
+        )
     parcellations = [Parcellation.load(name) for name in options.parcellation]
     for parcellation in parcellations:
         parcellation.check_template(template)

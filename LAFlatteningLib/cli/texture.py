@@ -84,7 +84,9 @@ def _pattern(options: argparse.Namespace, data: MapData) -> Texture:
 
 def _source(text: str | None, data: MapData) -> FloatArray:
     if text is None:
-        middle = np.mean([rim.shape.centre for rim in data.template.holes.values()], axis=0)
+        template = data.template
+        places = [rim.shape.centre for rim in template.holes.values()] or list(template.landmarks.values())
+        middle = np.mean(places or [template.outer.shape.centre], axis=0)
         return np.asarray(data.surface.points[np.linalg.norm(data.flat - middle, axis=1).argmin()])
     try:
         x, y, z = (float(word) for word in text.split(","))

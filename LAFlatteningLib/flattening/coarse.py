@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from copy import copy
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,10 +16,14 @@ from vtkmodules.vtkFiltersCore import vtkQuadricDecimation
 from ..surface import FloatArray, IntArray, Surface
 from .flat_map import FlatMap
 
-COARSE_POINTS = (1200, 2000, 3000, 5000)
+COARSE_POINTS = (1200, 1000, 1600, 2000, 3000, 5000)
 """Points of the coarse copy, about; the next number is tried where decimation spoils the mesh."""
 COARSE_STEPS = (2, 2, 4)
 """Quasi-Newton steps on the coarse copy, see `refinement.STEPS`."""
+
+
+Start = Callable[[FloatArray], FloatArray]
+"""From points of a surface (k, 3) to places on the map (k, 2), from which its map is made."""
 
 
 def coarsened(surface: Surface, points: int) -> Surface:
@@ -47,34 +52,55 @@ class CoarseCopy:
     ----------
     coarse : the coarse copy.
     surface : the cavity as it is flattened.
-    flatten : makes a map of the coarse copy from seeds (label -> (3,) mm).
+    flatten : makes a map of the coarse copy from seeds (label -> (3,) mm), if need be from given places on.
     """
 
     def __init__(
-        self, coarse: Surface, surface: Surface, flatten: Callable[[Mapping[str, FloatArray]], FlatMap]
+        self,
+        coarse: Surface,
+        surface: Surface,
+        flatten: Callable[[Mapping[str, FloatArray], Start | None], FlatMap],
     ) -> None:
         self.surface = surface
         self.carrier = Carrier(coarse, surface)
         self._make = flatten
         self._latest: tuple[bytes, FlatMap] | None = None
+        self._followed: tuple[bytes, FlatMap] | None = None
 
-    def made_by(self, flatten: Callable[[Mapping[str, FloatArray]], FlatMap]) -> CoarseCopy:
+    def made_by(self, flatten: Callable[[Mapping[str, FloatArray], Start | None], FlatMap]) -> CoarseCopy:
         """The same copy with its map made otherwise, as for another template."""
         other = copy(self)
-        other._make, other._latest = flatten, None
+        other._make, other._latest, other._followed = flatten, None, None
         return other
 
     def flatten(self, seeds: Mapping[str, FloatArray]) -> FlatMap:
-        """The map of the copy; that of the seeds asked for last is kept.
+        """The map of the copy, which depends on these seeds alone; that of the seeds asked for last is kept.
 
         Raises
         ------
         SurfaceError, SeedError, FoldError : now and then for the copy alone.
         """
-        key = b"".join(np.asarray(seeds[label], np.float64).tobytes() for label in sorted(seeds))
+        key = _key(seeds)
         if self._latest is None or self._latest[0] != key:
-            self._latest = key, self._make(seeds)
+            self._latest = key, self._make(seeds, None)
         return self._latest[1]
+
+    def follow(self, seeds: Mapping[str, FloatArray]) -> FlatMap:
+        """The map of the copy, made from the one asked for before: quicker while seeds move little by little.
+
+        Raises
+        ------
+        SurfaceError, SeedError, FoldError : now and then for the copy alone.
+        """
+        key = _key(seeds)
+        if self._latest is not None and self._latest[0] == key:
+            self._followed = self._latest
+        before = self._followed or self._latest
+        if before is None or before[0] != key:
+            start = None if before is None else partial(self._places, before[1])
+            self._followed = key, self._make(seeds, start)
+        assert self._followed is not None
+        return self._followed[1]
 
     def carried(self, seeds: Mapping[str, FloatArray], points: FloatArray) -> FloatArray:
         """Where the map of the copy has the points of a finer mesh, (k, 2).
@@ -90,22 +116,14 @@ class CoarseCopy:
         SurfaceError, SeedError, FoldError : see `flatten`.
         """
         coarse = self.flatten(seeds)
-        parent, cut = coarse.division.parent, coarse.division.surface
-        triangle = np.concatenate([self.carrier.triangle, self.carrier.locate(points[len(self.surface.points) :])[0]])
-        # All pieces of the triangle that a point is in; of these the one that it lies in deepest.
-        count = np.bincount(parent, minlength=len(coarse.triangles))
-        first = np.cumsum(count) - count
-        pieces = count[triangle]
-        point = np.repeat(np.arange(len(points)), pieces)
-        number = np.arange(len(point)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-        corners = cut.triangles[np.argsort(parent, kind="stable")[first[triangle[point]] + number]]
-        shares = _shares(points[point], cut.points[corners])
-        order = np.lexsort((-shares.min(axis=1), point))
-        best = order[np.searchsorted(point, np.arange(len(points)))]
-        # Points beside the copy go to the nearest side.
-        inside = np.maximum(shares[best], 0.0)
-        inside /= inside.sum(axis=1, keepdims=True)
-        return np.einsum("ij,ijk->ik", inside, coarse.solution[corners[best]])
+        beyond = self.carrier.locate(points[len(self.surface.points) :])[0]
+        return _carried(coarse, np.concatenate([self.carrier.triangle, beyond]), points)
+
+    def _places(self, coarse: FlatMap, points: FloatArray) -> FloatArray:
+        """Where a map of the copy has the points of the copy and others on it, (k, 2)."""
+        n = len(coarse.points)
+        added = points[n:]
+        return np.concatenate([coarse.points, _carried(coarse, self.carrier.locate(added)[0], added)])
 
 
 class Carrier:
@@ -148,6 +166,29 @@ class Carrier:
             triangle[k] = int(cell_id)
             nearest[k] = at
         return triangle, nearest
+
+
+def _carried(coarse: FlatMap, triangle: IntArray, points: FloatArray) -> FloatArray:
+    """Where a map has points (k, 3), each near a triangle of it (k,): (k, 2)."""
+    parent, cut = coarse.division.parent, coarse.division.surface
+    # All pieces of the triangle that a point is in; of these the one that it lies in deepest.
+    count = np.bincount(parent, minlength=len(coarse.triangles))
+    first = np.cumsum(count) - count
+    pieces = count[triangle]
+    point = np.repeat(np.arange(len(points)), pieces)
+    number = np.arange(len(point)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    corners = cut.triangles[np.argsort(parent, kind="stable")[first[triangle[point]] + number]]
+    shares = _shares(points[point], cut.points[corners])
+    order = np.lexsort((-shares.min(axis=1), point))
+    best = order[np.searchsorted(point, np.arange(len(points)))]
+    # Points beside the copy go to the nearest side.
+    inside = np.maximum(shares[best], 0.0)
+    inside /= inside.sum(axis=1, keepdims=True)
+    return np.einsum("ij,ijk->ik", inside, coarse.solution[corners[best]])
+
+
+def _key(seeds: Mapping[str, FloatArray]) -> bytes:
+    return b"".join(np.asarray(seeds[label], np.float64).tobytes() for label in sorted(seeds))
 
 
 def _shares(places: FloatArray, corners: FloatArray) -> FloatArray:

@@ -4,22 +4,30 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from ..solvers import Factorisation
 from ..surface import FloatArray
 
 _MEMORY = 8
 """Pairs of steps that the quasi-Newton method remembers."""
 
 
+class Solver(Protocol):
+    """A matrix of as many rows, ready to be solved with: `solvers.Factorisation`, or several put together."""
+
+    size: int
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """The x with ``matrix @ x = right``."""
+
+
 def descend(
     function: Callable[[FloatArray], tuple[float, FloatArray]],
     variables: FloatArray,
     reach: float,
-    precondition: Factorisation,
+    precondition: Solver,
     steps: int,
     tolerance: float = 1e-4,
     still: float = 0.0,
@@ -87,7 +95,7 @@ def descend(
     return variables, steps
 
 
-def solved(precondition: Factorisation, right: FloatArray) -> FloatArray:
+def solved(precondition: Solver, right: FloatArray) -> FloatArray:
     """For a right side (v, 2) and a matrix of v rows, for each coordinate, or of 2v rows."""
     if precondition.size == len(right):
         return precondition.solve(right)
@@ -107,7 +115,7 @@ class _Pair(NamedTuple):
     inverse: float
 
 
-def _two_loop(gradient: FloatArray, history: deque[_Pair], precondition: Factorisation, scale: float) -> FloatArray:
+def _two_loop(gradient: FloatArray, history: deque[_Pair], precondition: Solver, scale: float) -> FloatArray:
     direction = -gradient
     factors = []
     for pair in reversed(history):

@@ -42,20 +42,26 @@ def rest_shapes(points: FloatArray, triangles: IntArray, scale: float) -> FloatA
     points : (n, 3) mm.
     scale : map units per mm.
     """
+    frames = operators.local_frames(points, triangles) * scale
+    base, x, height = np.maximum(frames[:, 1, 0], 1e-12), frames[:, 2, 0].copy(), frames[:, 2, 1].copy()
+    squared = np.stack([base**2, (x - base) ** 2 + height**2, x**2 + height**2])
+    longest = np.sqrt(squared.max(axis=0))
+    # Twice the area over the longest side is the height above it.
+    thin = np.flatnonzero(base * height < 0.1 * longest**2)
     # The longest side first, so that it does not matter with which corner a triangle begins.
-    corner = points[triangles]
-    sides = np.linalg.norm(corner[:, [1, 2, 0]] - corner, axis=2)
-    turned = (sides.argmax(axis=1)[:, None] + np.arange(3)) % 3
-    local = operators.local_frames(points, np.take_along_axis(triangles, turned, axis=1)) * scale
-    longest = np.maximum(local[:, 1, 0], 1e-12)
-    flat = np.zeros((len(triangles), 3, 2))
-    flat[:, 1, 0], flat[:, 2, 0] = longest, local[:, 2, 0]
-    flat[:, 2, 1] = np.maximum(local[:, 2, 1], 0.1 * longest)
+    first = squared[:, thin].argmax(axis=0)
+    turned = (first[:, None] + np.arange(3)) % 3
+    local = operators.local_frames(points, np.take_along_axis(triangles[thin], turned, axis=1)) * scale
+    flat = np.zeros((len(thin), 3, 2))
+    flat[:, 1, 0], flat[:, 2, 0] = longest[thin], local[:, 2, 0]
+    flat[:, 2, 1] = 0.1 * longest[thin]
     # Back to the triangle's own order of corners.
     flat = np.take_along_axis(flat, np.argsort(turned, axis=1)[:, :, None], axis=1)
     u, v = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
-    base = np.linalg.norm(u, axis=1)
-    return np.stack([base, (u * v).sum(axis=1) / base, (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / base], axis=1)
+    base[thin] = np.linalg.norm(u, axis=1)
+    x[thin] = (u * v).sum(axis=1) / base[thin]
+    height[thin] = (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / base[thin]
+    return np.stack([base, x, height], axis=1)
 
 
 class PatchEnergy:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +23,7 @@ from ..subcontours import ROUNDINGS
 from ..surface import FloatArray, IntArray, Surface
 from ..template import DEFAULT_TEMPLATE, Template
 from .chords import flip_chords
-from .coarse import COARSE_POINTS, COARSE_STEPS, CoarseCopy, coarsened
+from .coarse import COARSE_POINTS, COARSE_STEPS, CoarseCopy, Start, coarsened
 from .flat_map import FlatMap
 from .preview import Preview, Previewer
 from .refinement import STEPS, lower_distortion
@@ -79,9 +79,10 @@ class Flattener:
         self.check_axes = check_axes
         self._prepared: tuple[Cavity, Surface, int] | None = None
         self._ways: WaysAcrossOstia | None = None
-        self._steps: Sequence[int] = STEPS
+        self._is_copy = False
         self._latest: FlatMap | None = None
         self._given: Mapping[str, FloatArray] = {}
+        self._start: Start | None = None
         self._copy: CoarseCopy | None = None
         self._coarse: Flattener | None = None
         self._previewer: Previewer | None = None
@@ -96,11 +97,11 @@ class Flattener:
         """
         other = Flattener(self.surface, template, self.method, self.rounding, self.check_axes)
         if other.template.anatomy == self.template.anatomy:
-            other._steps = self._steps
+            other._is_copy = self._is_copy
             other._prepared, other._ways = self._prepared, self._ways
             if self._copy is not None and self._coarse is not None:
                 other._coarse = self._coarse.with_template(other.template)
-                other._copy = self._copy.made_by(other._coarse.flatten)
+                other._copy = self._copy.made_by(other._coarse._flatten_from)
         return other
 
     def flatten(self, seeds: Mapping[str, FloatArray], progress: ProgressCallback | None = None) -> FlatMap:
@@ -211,15 +212,20 @@ class Flattener:
         bare = Surface(surface.points, surface.triangles, space=surface.space)
         for points in (*COARSE_POINTS, len(surface.points)):
             coarse = Flattener(coarsened(bare, points), self.template, self.method, self.rounding, self.check_axes)
-            coarse._steps = COARSE_STEPS
+            coarse._is_copy = True
             try:
                 _, coarse_surface, _ = coarse._prepare(outer_points)
                 break
             except (SurfaceError, FoldError):
                 # Decimation spoiled the mesh; with all its points it is as it was.
                 continue
-        self._coarse, self._copy = coarse, CoarseCopy(coarse_surface, surface, coarse.flatten)
+        self._coarse, self._copy = coarse, CoarseCopy(coarse_surface, surface, coarse._flatten_from)
         return self._copy
+
+    def _flatten_from(self, seeds: Mapping[str, FloatArray], start: Start | None) -> FlatMap:
+        """The map for these seeds, made from places that points of the surface start from."""
+        self._start = start
+        return self.flatten(seeds)
 
     def _prepare(self, outer_points: FloatArray) -> tuple[Cavity, Surface, int]:
         """The cavity, its surface as it is flattened, and the number of edges flipped for that."""
@@ -265,8 +271,9 @@ class Flattener:
         with watch.stage("division"):
             constraints = constraints_by_length(division, self.template)
         cut = division.surface
-        # Triangles that paths cut must not fold as a whole either: the map is theirs, too.
-        guarded = surface.triangles[np.bincount(division.parent) > 1]
+        # Triangles that paths cut must not fold as a whole either: the map is theirs, too. Of a copy, only the pieces
+        # are used.
+        guarded = surface.triangles[(np.bincount(division.parent) > 1) & (not self._is_copy)]
         triangles = np.concatenate([cut.triangles, guarded])
         fixed = np.zeros(len(cut.points), bool)
         fixed[constraints.rim_ids] = True
@@ -286,23 +293,27 @@ class Flattener:
                     if start is None:
                         raise
                     continue
-            # The coarse map may pass an opening on the other side.
-            if start is None or not len(freed):
+            # The coarse map may pass an opening on the other side. (A copy's own map before does not.)
+            if start is None or self._start is not None or not len(freed):
                 break
         with watch.stage("refine"):
+            steps = COARSE_STEPS if self._is_copy else STEPS
             flat = lower_distortion(
-                flat, cut, ~(fixed | loose), guarded, order, self._steps, self._steps is STEPS, part(progress, 0.6, 1.0)
+                flat, cut, ~(fixed | loose), guarded, order, steps, not self._is_copy, part(progress, 0.6, 1.0)
             )
         # The promise of this method, checked on every map.
-        for points, checked in ((cut.points, cut.triangles), (surface.points, surface.triangles)):
+        for checked in (cut.triangles, guarded):
             left = folded_triangles(flat, checked)
             if len(left):
-                raise fold_error(points, checked[left])
+                raise fold_error(cut.points, checked[left])
         return flat, constraints, freed
 
     def _carried(self, surface: Surface, seeds: SnappedSeeds, cut: Surface) -> FloatArray | None:
-        """The map of the coarse copy at the points of the cut surface; None where there is none."""
-        if len(surface.points) < FROM_COARSE or self._steps is COARSE_STEPS:
+        """The map to start from, or that of the coarse copy, at the points of the cut surface; None where there is
+        none."""
+        if self._start is not None:
+            return self._start(cut.points)
+        if len(surface.points) < FROM_COARSE or self._is_copy:
             return None
         outer_points = np.array([seeds.positions[label] for label in self.template.anatomy.outer_seeds])
         try:

@@ -46,7 +46,7 @@ class Previewer:
 
     def __init__(self, copy: CoarseCopy) -> None:
         self.surface = copy.surface
-        self._flatten = copy.flatten
+        self._flatten = copy.follow
         self._carrier = copy.carrier
         self._reference: tuple[FlatMap, FloatArray] | None = None
 

@@ -60,6 +60,11 @@ def untangle(
             folded = _bad(flat, triangles)
             if not len(folded):
                 return flat, np.flatnonzero(freed)
+            count = len(folded)
+            # Nothing can be done about the others at this stage.
+            folded = folded[~stage[triangles[folded]].all(axis=1)]
+            if not len(folded):
+                break
             near = neighbourhood(corner, folded, rings)
             # Once paths must give way, they do so close to the fold only.
             blocked = stage | (held & ~neighbourhood(corner, folded, min(rings, RINGS[0])))
@@ -69,7 +74,7 @@ def untangle(
             tried = flat.copy()
             _relax(tried, triangles, points, scale, movable, patience)
             # A patch that was too small may only have pushed the folds about.
-            if len(_bad(tried, triangles)) < len(folded):
+            if len(_bad(tried, triangles)) < count:
                 freed |= loose & (flat != tried).any(axis=1)
                 flat = tried
     folded = _bad(flat, triangles)

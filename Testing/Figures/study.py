@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from atria import Atrium, found, scans, varied_phantoms
-from cases import seeds_by_rule
+from atria import Atrium, scans, varied_phantoms
+from cases import DATA
 from matplotlib.collections import LineCollection
 from pictures import INK, Drawn, page, panel
 
-from LAFlatteningLib import MapData, Surface, builtin_templates, distortion
+from LAFlatteningLib import Flattener, MapData, Template, builtin_templates, distortion
 from LAFlatteningLib.flattening.strategies import STRATEGIES, flatten_by_strategy
 from LAFlatteningLib.measurement import measure
+from LAFlatteningLib.peers.sum_map import SumTemplate
 from LAFlatteningLib.shape_statistics import tabulate
 from LAFlatteningLib.study_figures import make_box_plots, make_maps_figure, make_study_figure, make_texture_figure
 from LAFlatteningLib.textures import circles, stripes
@@ -92,25 +93,14 @@ def templates(atrium: Atrium) -> Drawn:
 
 def sum_atlas() -> Drawn | None:
     """Distortion of SUM's own atlas on its disk, and of our maps of it."""
-    atlas, disk = found("sum_atlas/template_3d.vtp"), found("sum_atlas/template_disk.vtp")
-    if atlas is None or disk is None:
+    folder = DATA / "sum_atlas"
+    if not folder.is_dir():
         return None
-    bare = Surface(atlas.points, atlas.triangles, space=atlas.space)
-    atrium = Atrium("sum_atlas", "the SUM atlas, 6132 points", bare, seeds_by_rule(bare))
-    ours = {name: MapData.of(atrium.map(template=name)) for name in TEMPLATES}
-    one = ours[TEMPLATES[0]]
-    # The disk has the points of the atlas; the cavity keeps their ids.
-    ids = one.surface.point_data["surface_point_id"]
-    flat = disk.points[ids, :2] * (-1.0, 1.0)
-    if np.count_nonzero(_signed(flat, one.triangles) > 0) < len(one.triangles) / 2:
-        flat = disk.points[ids, :2]
-    maps = {"SUM": MapData(one.surface, flat, one.template), **ours}
-    return _distortion(maps, atrium.title, "templates_sum")
-
-
-def _signed(flat: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    a, b, c = (flat[triangles[:, k]] for k in range(3))
-    return (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+    atlas = SumTemplate.load(folder / "template_3d.vtp", folder / "template_disk.vtp")
+    maps = {"SUM": MapData(atlas.surface, atlas.disk, Template.load("adapted2"))}
+    for name in TEMPLATES:
+        maps[name] = MapData.of(Flattener(atlas.surface, name, check_axes=False).flatten(atlas.seeds))
+    return _distortion(maps, "the SUM atlas, 6132 points", "templates_sum")
 
 
 def _distortion(maps: dict[str, MapData], title: str, name: str) -> Drawn:

@@ -158,6 +158,30 @@ def test_quick_map_without_a_full_one_before(fine):
     assert np.median(radii(full, quick.points, full.points)) < 0.01
 
 
+def test_quick_map_at_the_end_of_a_long_drag(fine):
+    """Each quick map starts from the one before it, but errors do not add up."""
+    phantom, full = fine
+    flattener = Flattener(phantom.surface)
+    start = flattener.flatten(phantom.seeds).seeds.positions
+    for k in range(1, 13):
+        moved = {**start, "RIPV": start["RIPV"] + 0.3 * k * unit(start["RSPV"] - start["RIPV"])}
+        quick = flattener.preview(moved)
+    fresh = Flattener(phantom.surface)
+    fresh.flatten(phantom.seeds)
+    assert np.median(radii(full, quick.points, fresh.preview(moved).points)) < 0.002
+    assert np.median(radii(full, quick.points, flattener.flatten(moved).points)) < 0.01
+
+
+def test_a_map_does_not_depend_on_what_was_made_before_it(fine):
+    phantom, full = fine
+    flattener = Flattener(phantom.surface)
+    other = {**phantom.seeds, "MV3": phantom.seeds["MV3"] + [1.0, 1.0, 0.0]}
+    flattener.flatten(other)
+    flattener.preview({**phantom.seeds, "RIPV": phantom.seeds["RIPV"] + [0.0, 0.5, 0.5]})
+    flattener.preview(phantom.seeds)
+    assert np.array_equal(flattener.flatten(phantom.seeds).points, full.points)
+
+
 def test_quick_map_refuses_what_the_map_refuses(phantom):
     flattener = Flattener(phantom.surface)
     flattener.flatten(phantom.seeds)

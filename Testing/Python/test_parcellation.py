@@ -32,7 +32,7 @@ def grid(step=0.004):
 
 
 @pytest.mark.parametrize("name", builtin_parcellations())
-@pytest.mark.parametrize("template", builtin_templates())
+@pytest.mark.parametrize("template", builtin_templates("left_atrium"))
 def test_builtin_parts_lie_on_every_template(name, template):
     parcellation, template = Parcellation.load(name), Template.load(template)
     places = grid()
@@ -45,7 +45,7 @@ def test_builtin_parts_lie_on_every_template(name, template):
         assert set(labels.tolist()) == {NO_PART, part.label}, part.name
 
 
-@pytest.mark.parametrize("template", builtin_templates())
+@pytest.mark.parametrize("template", builtin_templates("left_atrium"))
 def test_the_24_regions_cover_the_map_once_each(template):
     parcellation = Parcellation.load("segments_24")
     labels = parcellation.labels_at(grid(), Template.load(template))
