@@ -23,6 +23,7 @@ from .page import (
     SMALL_SIZE,
     TEXT_SIZE,
     add_axes,
+    digits,
     draw_line,
     new_page,
     rasterise_map,
@@ -35,6 +36,8 @@ from .page import (
 )
 from .parcel_figures import draw_outlines, list_parts
 from .parcellation import Parcellation
+from .quantities import readable
+from .scalar_arrays import scalar_array
 from .shading import NO_VALUE, OPPOSITE, FloatArray, Paint, label_of, rasterise, shade, standard_view
 from .surface import Surface
 from .template import Template
@@ -50,6 +53,8 @@ ONLY_A, ONLY_B, BOTH, NEITHER = "#4477AA", "#EE8866", "#3b1f4a", "#e4e4e4"
 BESIDE_A_MAP = ((0.2, 4.3, 3.7, 3.1), (0.2, 0.75, 3.7, 3.1))
 WITHOUT_A_MAP = ((0.2, 2.2, 4.6, 4.8), (4.9, 2.2, 4.6, 4.8))
 """Where the two views of the atrium are: left, bottom, width, height in inches."""
+MOST_CLASSES = 6
+"""More columns do not fit: then the table shows what is beyond the first threshold, and the file has the rest."""
 MOST_PARTS = 12
 """More lines of a table do not fit on the page."""
 
@@ -133,7 +138,8 @@ def make_comparison_figure(found: Comparison, *, names: tuple[str, str] = ("A", 
     if low == high:
         low, high = low - 0.5, high + 0.5
     whole = found.whole
-    title = f"{names[0]} and {names[1]}: Pearson r = {whole.pearson:.2f}, Spearman rho = {whole.spearman:.2f}"
+    title = f"{names[0]} and {names[1]}: Pearson r = {digits(whole.pearson, 2)}, Spearman rho = "
+    title += digits(whole.spearman, 2)
     figure = new_page(title, _comparison_facts(found))
     cmap, norm = colormaps["plasma"], Normalize(low, high)
     for letter, name, array, values, left in (
@@ -202,10 +208,7 @@ def class_paint(surface: Surface, found: Fibrosis) -> Paint:
     """The colours of the classes: bands whose borders are where the array, linear in each triangle, has a threshold."""
     from matplotlib.colors import BoundaryNorm, ListedColormap
 
-    on_points = found.array in surface.point_data
-    array = (surface.point_data if on_points else surface.cell_data)[found.array]
-    values = np.array(array, np.float64).reshape(-1)
-    values[~np.isfinite(values)] = np.nan
+    values, on_points = scalar_array(surface, found.array)
     limits, colours = list(found.thresholds), class_colours(found)
     if found.rule.direction == "below":
         limits, colours = limits[::-1], colours[::-1]
@@ -233,7 +236,7 @@ def class_colours(found: Fibrosis) -> list[str]:
 def _beyond(found: Fibrosis) -> str:
     """The first threshold in words."""
     unit = f" {found.unit}" if found.unit else ""
-    return f"{'at' if found.rule.direction == 'above' else 'below'} {found.thresholds[0]:.4g}{unit}" + (
+    return f"{'at' if found.rule.direction == 'above' else 'below'} {readable(found.thresholds[0])}{unit}" + (
         " or more" if found.rule.direction == "above" else ""
     )
 
@@ -242,10 +245,14 @@ def _facts(found: Fibrosis) -> list[str]:
     facts = [f"rule {found.rule}", "areas measured on the atrium in 3D"]
     if found.sampled_mm is not None:
         facts[-1] += f", image sampled every {found.sampled_mm:.1f} mm"
+    whole = found.atrium
+    if whole.missing_cm2 > 0.0:
+        share = 100.0 * whole.missing_cm2 / (whole.missing_cm2 + whole.area_cm2)
+        facts.append(f"{share:.1f} % of the atrium has no value and is left out")
     if found.blood_pool is not None:
         pool = found.blood_pool
         volume = f", {pool.volume_ml:.1f} ml" if pool.volume_ml is not None else ""
-        facts.append(f"blood pool {pool.mean:.4g}, SD {pool.sd:.3g} ({pool.how}{volume})")
+        facts.append(f"blood pool {readable(pool.mean)}, SD {readable(pool.sd)} ({pool.how}{volume})")
     return facts
 
 
@@ -366,13 +373,16 @@ def _class_legend(figure: Figure, paint: Paint, found: Fibrosis) -> None:
 def _class_table(figure: Figure, found: Fibrosis) -> None:
     """Areas by part, below the map."""
     columns = [("part", 4.15), ("area (cm2)", 6.7)]
-    apart = 3.75 / max(3, len(found.class_names))
-    columns += [(f"{name} (%)", 7.65 + apart * k) for k, name in enumerate(found.class_names)]
+    all_fit = len(found.class_names) <= MOST_CLASSES
+    names = found.class_names if all_fit else (found.class_names[0], "beyond the first threshold")
+    apart = 3.75 / max(3, len(names))
+    columns += [(f"{name} (%)", 7.65 + apart * k) for k, name in enumerate(names)]
     write_row(figure, 1.52, columns, FAINT)
     shown = [part for part in found.parts if part.group in ("atrium", REGION_ARRAY)][:8]
     for number, part in enumerate(shown):
         name = part.name if part.group == "atrium" else f"R{part.label} {part.name}"
-        numbers = [f"{share:.1f}" if share == share else "-" for share in part.class_percent]
+        shares = part.class_percent if all_fit else (part.class_percent[0], part.beyond_percent)
+        numbers = [digits(share, 1) for share in shares]
         words = [name, f"{part.area_cm2:.1f}", *numbers]
         cells = [(word, at) for word, (_, at) in zip(words, columns, strict=True)]
         write_row(figure, 1.36 - 0.15 * number, cells, INK)
@@ -397,8 +407,8 @@ def _agreement_table(figure: Figure, found: Comparison) -> None:
     write_row(figure, 2.1, columns, FAINT)
     for number, part in enumerate(found.parts[:MOST_PARTS]):
         name = part.name if part.region == 0 else f"R{part.region} {part.name}"
-        words = [name, f"{part.area_cm2:.1f}", f"{part.pearson:.3f}", f"{part.spearman:.3f}", f"{part.mean_a:.4g}"]
-        words += [f"{part.mean_b:.4g}", f"{round(part.difference, 9) + 0.0:.3g}, {part.difference_sd:.3g}"]
+        words = [name, f"{part.area_cm2:.1f}", f"{part.pearson:.3f}", f"{part.spearman:.3f}", readable(part.mean_a)]
+        words += [readable(part.mean_b), f"{round(part.difference, 9) + 0.0:.3g}, {part.difference_sd:.3g}"]
         words += [f"{part.missing_percent:.1f}", f"{part.dice:.3f}"]
         cells = [(word.replace("nan", "-"), at) for word, (_, at) in zip(words, columns, strict=True)]
         write_row(figure, 1.9 - 0.18 * number, cells, INK)

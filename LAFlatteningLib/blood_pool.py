@@ -24,6 +24,8 @@ FEWEST_VOXELS = 30
 """Fewer voxels give no mean and standard deviation worth the name."""
 OUTLIER = 3.0
 """Voxels farther from the median than so many (robust) standard deviations are not blood: valve, noise, a lead."""
+LEAST_REACHED, WHOLE = 0.25, 0.95
+"""Blood is measured if the image holds so large a share of the chamber; that of a larger share is not mentioned."""
 NEGATIVE = 0.01
 """If a larger share of the voxels is negative, intensities were shifted (z-scores), and ratios of them say nothing."""
 
@@ -90,11 +92,14 @@ def find_blood_pool(surface: Surface, volume: Volume) -> BloodPool:
 
     Raises
     ------
-    LAFlatteningError : hardly any voxel lies inside the surface: the image is elsewhere, or too coarse.
+    InputFileError : the image is the same everywhere.
+    LAFlatteningError : hardly any voxel lies inside the surface, or the image reaches less than a quarter of the
+        chamber: the image is elsewhere, or too coarse.
     SurfaceError : triangles that cannot be turned the same way.
     """
     if np.ptp(surface.points[surface.used_points], axis=0).min() == 0.0:
         raise SurfaceError("The surface is flat. Expected the atrium in 3D, inside which there is blood.")
+    volume.check_varied()
     if not surface.is_oriented:
         surface = surface.with_triangles(topology.orient(surface.triangles, surface.edges))
     points, triangles = surface.capped
@@ -111,6 +116,13 @@ def find_blood_pool(surface: Surface, volume: Volume) -> BloodPool:
     if (high < low).any():
         raise LAFlatteningError(empty.format("no"))
     inside = _voxels_inside(index - low, triangles, high - low + 1)
+    reached = float(np.count_nonzero(inside)) * volume.voxel_volume / max(abs(surface.enclosed_volume), 1e-9)
+    if reached < LEAST_REACHED:
+        raise LAFlatteningError(
+            f"The image reaches {100.0 * reached:.0f} % of the chamber, too little to find the blood in it; expected "
+            f"{100.0 * LEAST_REACHED:.0f} % or more. Check that surface and image belong together and that the axes of "
+            "the surface (LPS or RAS) are right, or give mean and standard deviation of the blood."
+        )
     depth = ndimage.distance_transform_edt(np.pad(inside, 1), sampling=volume.spacing[::-1])[1:-1, 1:-1, 1:-1]
     least = min(DEPTH_MM, DEPTH_SHARE * float(depth.max()))
     labels, count = ndimage.label(depth > least)
@@ -123,7 +135,10 @@ def find_blood_pool(surface: Surface, volume: Volume) -> BloodPool:
     box = Volume(
         region.astype(np.uint8), volume.spacing, volume.positions(low[None].astype(np.float64))[0], volume.direction
     )
-    return _measure(values, box, volume, f"inside the chamber, more than {least:.1f} mm from its wall", least)
+    how = f"inside the chamber, more than {least:.1f} mm from its wall"
+    if reached < WHOLE:
+        how += f", where the image reaches {100.0 * reached:.0f} % of it"
+    return _measure(values, box, volume, how, least)
 
 
 def blood_pool_of_labels(volume: Volume, labels: Volume, label: int | None = None) -> BloodPool:
@@ -158,7 +173,10 @@ def blood_pool_of_labels(volume: Volume, labels: Volume, label: int | None = Non
 def _measure(values: NDArray, region: Volume, volume: Volume, how: str, depth_mm: float | None) -> BloodPool:
     values = values[np.isfinite(values)].astype(np.float64)
     if len(values) < FEWEST_VOXELS:
-        raise LAFlatteningError(f"The blood pool has {len(values)} voxels with a value; expected {FEWEST_VOXELS}.")
+        raise LAFlatteningError(
+            f"The blood pool has {len(values)} voxels with a value; expected {FEWEST_VOXELS} or more. Check the image "
+            "there, or give mean and standard deviation of the blood."
+        )
     off = np.abs(values - np.median(values))
     # 1.4826 makes the median deviation the standard deviation of a normal distribution.
     spread = 1.4826 * float(np.median(off))

@@ -21,6 +21,7 @@ from .fibrosis import DIRECTIONS
 from .flattening.flat_map import FlatMap
 from .map_data import MapData
 from .map_reading import GRID, MapReading, check_templates, method_notes, places_of, read_map, regions_at
+from .quantities import diseased_side, readable
 from .surface import FloatArray, IntArray, Surface
 from .template import Template
 
@@ -194,8 +195,8 @@ def compare_maps(
     array_b: str,
     threshold_a: float | None = None,
     threshold_b: float | None = None,
-    direction_a: str = "above",
-    direction_b: str = "above",
+    direction_a: str | None = None,
+    direction_b: str | None = None,
     scale: str = "auto",
 ) -> Comparison:
     """Compare an array of one map with an array of another, at the same places of their template.
@@ -208,14 +209,14 @@ def compare_maps(
     a, b : maps, or the surfaces that map files hold; of the same template.
     array_a, array_b : scalar point or cell arrays.
     threshold_a, threshold_b : both, for the overlap of what reaches them (Dice), or neither.
-    direction_a, direction_b : "above" (a value counts from its threshold on) or "below" (where it is less), as for low
-        voltage.
+    direction_a, direction_b : "above" (a value counts from its threshold on) or "below" (where it is less).
+        Default: below for voltages, above for everything else.
     scale : "values", "ranks" (see `Comparison`), or "auto": values if both arrays have the same name.
 
     Raises
     ------
     TemplateError : maps of different templates.
-    LAFlatteningError : no such array, NaN everywhere, no common places, one threshold only.
+    LAFlatteningError : no such array, NaN everywhere, no common places, one threshold only or none that is a number.
     SurfaceError : a map file without the positions on the atrium.
     """
     one, other = read_map(a, array_a), read_map(b, array_b)
@@ -227,14 +228,18 @@ def compare_readings(
     b: MapReading,
     threshold_a: float | None = None,
     threshold_b: float | None = None,
-    direction_a: str = "above",
-    direction_b: str = "above",
+    direction_a: str | None = None,
+    direction_b: str | None = None,
     scale: str = "auto",
 ) -> Comparison:
     """As `compare_maps`, of maps that are read already; so that each of many is read once."""
     check_templates(a.template, b.template)
     if (threshold_a is None) != (threshold_b is None):
         raise LAFlatteningError("The overlap needs a threshold for each map; found one. Give both, or none.")
+    for threshold in (threshold_a, threshold_b):
+        if threshold is not None and not np.isfinite(threshold):
+            raise LAFlatteningError(f"Expected thresholds that are numbers, found {threshold:g}.")
+    direction_a, direction_b = direction_a or diseased_side(a.array), direction_b or diseased_side(b.array)
     for direction in (direction_a, direction_b):
         if direction not in DIRECTIONS:
             raise LAFlatteningError(f'Expected the direction "above" or "below", found "{direction}".')
@@ -270,6 +275,7 @@ def compare_readings(
             f"{whole.missing_percent:.1f} % of the map have no value on one of the two maps, or on both, and "
             "were left out."
         )
+    notes += _doubts((f"{a.array} of A", values_a), (f"{b.array} of B", values_b), scale)
     return Comparison(
         a.array,
         b.array,
@@ -317,6 +323,28 @@ def weighted_ranks(values: FloatArray, weights: FloatArray) -> FloatArray:
     kinds, index = np.unique(np.round(values / step) if step > 0.0 else values, return_inverse=True)
     own = np.bincount(index, weights, minlength=len(kinds)) / weights.sum()
     return (np.cumsum(own) - 0.5 * own)[index]
+
+
+def _doubts(a: tuple[str, FloatArray], b: tuple[str, FloatArray], scale: str) -> list[str]:
+    """What speaks against comparing two quantities, each with what it is called."""
+    known = [values[np.isfinite(values)] for _, values in (a, b)]
+    notes = [
+        f"{name} is {readable(values[0])} everywhere, so that there is no correlation."
+        for (name, _), values in zip((a, b), known, strict=True)
+        if np.ptp(values) <= SAME * np.abs(values).max()
+    ]
+    # A few outliers say nothing about the scale.
+    limits = [np.percentile(values, [1.0, 99.0]) for values in known]
+    if scale == "values" and (limits[0][1] < limits[1][0] or limits[1][1] < limits[0][0]):
+        spans = [
+            f"{name} ({readable(low)} to {readable(high)})"
+            for (name, _), (low, high) in zip((a, b), limits, strict=True)
+        ]
+        notes.append(
+            f"{' and '.join(spans)} have no values in common: if they are not on one scale, their difference means "
+            'nothing. Take the scale "ranks" then.'
+        )
+    return notes
 
 
 def _scale(a: MapReading, b: MapReading, scale: str) -> tuple[str, list[str]]:
@@ -376,6 +404,8 @@ def _agreement(
         return Agreement(region, name, len(a), missing, area / 100.0, *[float("nan")] * 10)
     share = weights / area
     mean = float(share @ difference)
+    # Of percentiles on the whole map it is 0, but for rounding.
+    mean = 0.0 if abs(mean) <= SAME * np.abs(difference).max() else mean
     dice = percent_a = percent_b = float("nan")
     if beyond is not None:
         in_a, in_b = beyond[0][both], beyond[1][both]

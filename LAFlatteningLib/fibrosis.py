@@ -19,9 +19,10 @@ from .errors import LAFlatteningError
 from .fine_projection import project_finely
 from .flattening.flat_map import REGION_ARRAY, FlatMap
 from .map_data import MapData
-from .quantities import is_voltage, unit_of
+from .quantities import diseased_side, is_voltage, readable, unit_of
 from .rules import DIRECTIONS, RULES, Rule
-from .surface import FloatArray, IntArray, Surface
+from .scalar_arrays import corner_values, share_reaching
+from .surface import IntArray, Surface
 from .volume import Volume
 
 BoolArray = NDArray[np.bool_]
@@ -169,7 +170,7 @@ def measure_fibrosis(
     *,
     parcels: Mapping[str, tuple[IntArray, Mapping[int, str]]] | None = None,
     class_names: Sequence[str] | None = None,
-    unit: str = "",
+    unit: str | None = None,
     anatomy: Anatomy | None = None,
     volume: Volume | None = None,
 ) -> Fibrosis:
@@ -193,8 +194,8 @@ def measure_fibrosis(
 
     Raises
     ------
-    LAFlatteningError : no such array, or one that is NaN everywhere; the rule needs a blood pool; names or labels that
-        do not fit.
+    LAFlatteningError : no such array, or one that is NaN everywhere; the rule needs a blood pool, or compares with
+        blood what is no intensity (a voltage); names or labels that do not fit.
     SurfaceError : a map file without the positions on the atrium.
 
     Examples
@@ -204,6 +205,11 @@ def measure_fibrosis(
     >>> round(found.atrium.beyond_percent)
     15
     """
+    if rule.needs_blood_pool and unit_of(array):
+        raise LAFlatteningError(
+            f"The rule {rule.kind} compares intensities of an image with those of blood, and {array} is in "
+            f"{unit_of(array)}. Take the rule value, like value=0.5,0.1 for bipolar voltage."
+        )
     surface, data = on_atrium(atrium)
     sampled_mm = None
     fine = project_finely(surface, volume, array) if volume is not None else None
@@ -213,9 +219,13 @@ def measure_fibrosis(
     corners = corner_values(surface, array)
     thresholds = rule.thresholds(blood_pool)
     names = tuple(class_names) if class_names is not None else _default_names(rule, array)
-    unit = unit or unit_of(array)
+    unit = unit_of(array) if unit is None else unit
     if len(names) != len(thresholds) + 1:
-        raise LAFlatteningError(f"Expected {len(thresholds) + 1} names of classes, found {len(names)}: {names}.")
+        raise LAFlatteningError(
+            f"Expected {len(thresholds) + 1} names of classes, found {len(names)}: {', '.join(names)}."
+        )
+    if not all(names) or len(set(names)) < len(names):
+        raise LAFlatteningError(f"Expected names of classes that differ, none empty; found {', '.join(names)}.")
     area = surface.triangle_areas / 100.0
     missing: BoolArray = np.any(np.isnan(corners), axis=1)
     filled = np.where(missing[:, None], 0.0, corners)
@@ -245,6 +255,17 @@ def measure_fibrosis(
             f"{whole.missing_triangles} triangles ({whole.missing_cm2:.1f} cm2, {share:.1f} % of the atrium) have no "
             "value and were left out."
         )
+    low, high = float(filled[~missing].min()), float(filled[~missing].max())
+    if low >= max(thresholds) or high < min(thresholds):
+        notes.append(
+            f"All values of {array} ({readable(low)} to {readable(high)}) are on one side of the thresholds "
+            f"({', '.join(readable(limit) for limit in thresholds)}). Check that these are meant for this array."
+        )
+    if rule.direction != diseased_side(array):
+        notes.append(
+            f"Values of {array} {rule.direction} the thresholds were counted as diseased; as a rule, those on the "
+            "other side are."
+        )
     return Fibrosis(array, unit, rule, thresholds, names, blood_pool, sampled_mm, tuple(parts), tuple(notes))
 
 
@@ -256,7 +277,7 @@ def limits_in_words(thresholds: Sequence[float], direction: str, unit: str = "")
     >>> limits_in_words([0.5, 0.1], "below", "mV")
     ['≥ 0.5 mV', '0.1 to 0.5 mV', '< 0.1 mV']
     """
-    limits, above = [f"{limit:.4g}" for limit in thresholds], direction == "above"
+    limits, above = [readable(limit) for limit in thresholds], direction == "above"
     inner = [" to ".join(pair if above else pair[::-1]) for pair in pairwise(limits)]
     texts = [f"{'<' if above else '≥'} {limits[0]}", *inner, f"{'≥' if above else '<'} {limits[-1]}"]
     return [f"{text} {unit}" if unit else text for text in texts]
@@ -278,63 +299,14 @@ def on_atrium(atrium: FlatMap | MapData | Surface) -> tuple[Surface, MapData | N
     return data.surface, data
 
 
-def corner_values(surface: Surface, array: str) -> FloatArray:
-    """The values of a scalar point or cell array at the corners of each triangle, (m, 3), infinite ones as NaN.
-
-    Raises
-    ------
-    LAFlatteningError : no such array, not one of single numbers, or no number in it.
-    """
-    on_points = array in surface.point_data
-    arrays = surface.point_data if on_points else surface.cell_data
-    if array not in arrays:
-        known = sorted({*surface.point_data, *surface.cell_data})
-        raise LAFlatteningError(
-            f'There is no array "{array}"; found {", ".join(known) or "none"}. Check its name, or project an '
-            "image first."
-        )
-    values = np.asarray(arrays[array])
-    if values.dtype.kind not in "fiub" or values.size != len(values):
-        raise LAFlatteningError(f'The array "{array}" does not hold single numbers. Choose a scalar array.')
-    values = values.reshape(-1).astype(np.float64)
-    values[~np.isfinite(values)] = np.nan
-    corners = values[surface.triangles] if on_points else np.repeat(values[:, None], 3, axis=1)
-    if np.isnan(corners).any(axis=1).all():
-        raise LAFlatteningError(
-            f'The array "{array}" has no value in any triangle ({np.count_nonzero(np.isfinite(values))} of '
-            f"{len(values)} entries are numbers). Check the image or the recording that it comes from."
-        )
-    return corners
-
-
-def share_reaching(corners: FloatArray, threshold: float) -> FloatArray:
-    """Share of the area of each triangle where a linear quantity is `threshold` or more; (m,), exact.
-
-    Parameters
-    ----------
-    corners : (m, 3) values at the corners, finite.
-
-    Examples
-    --------
-    >>> share_reaching(np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 1.0], [2.0, 2.0, 2.0]]), 0.5).tolist()
-    [0.25, 0.75, 1.0]
-    """
-    low, middle, high = np.sort(corners, axis=1).T
-    with np.errstate(divide="ignore", invalid="ignore"):
-        tip = (high - threshold) ** 2 / ((high - low) * (high - middle))
-        rest = 1.0 - (threshold - low) ** 2 / ((high - low) * (middle - low))
-    share = np.where(threshold > middle, tip, rest)
-    share = np.where(threshold > high, 0.0, share)
-    # At the largest value nothing but a line or a point reaches it, unless a whole side or triangle has it.
-    share = np.where(threshold == high, np.where(low == high, 1.0, 0.0), share)
-    return np.where(threshold <= low, 1.0, share)
-
-
 def _default_names(rule: Rule, array: str) -> tuple[str, ...]:
     count = len(rule.factors)
     if is_voltage(array) and rule.direction == "below" and count in _VOLTAGE_NAMES:
         return _VOLTAGE_NAMES[count]
     numbered = ("normal", *(f"class {number}" for number in range(1, count + 1)))
+    if rule.direction == "above" and unit_of(array):
+        # Late activation, for example, is no fibrosis.
+        return numbered
     return _NAMES.get((rule.direction, count), numbered)
 
 
@@ -366,9 +338,7 @@ __all__ = [
     "Fibrosis",
     "Part",
     "Rule",
-    "corner_values",
     "limits_in_words",
     "measure_fibrosis",
     "on_atrium",
-    "share_reaching",
 ]

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from .errors import LAFlatteningError, SurfaceError, TemplateError
+from .errors import SurfaceError, TemplateError
 from .flattening.flat_map import POSITION_ARRAY, FlatMap
+from .scalar_arrays import scalar_array
 from .surface import FloatArray, IntArray, Surface
 from .template import Template, builtin_templates
 
@@ -36,12 +37,13 @@ class MapData:
 
         Parameters
         ----------
-        template : for map files only: by default the built-in one that the file names.
+        template : for map files only: by default the built-in one that the file names. If given, it has to have the
+            name that the file says, where it says one.
 
         Raises
         ------
         SurfaceError : a surface that is no map, or a map file without the positions on the atrium.
-        TemplateError : the template of a map file is not known.
+        TemplateError : the template of a map file is not known, or another one.
         """
         if isinstance(flat_map, MapData):
             return flat_map
@@ -62,7 +64,7 @@ class MapData:
         return cls(
             replace(flat_map, points=np.asarray(position, np.float64), space=_text(space)),
             flat_map.points[:, :2],
-            template if isinstance(template, Template) else _template(flat_map, template),
+            _template(flat_map, template),
             _text(flat_map.field_data.get("method", "")),
         )
 
@@ -72,25 +74,15 @@ class MapData:
         return self.surface.triangles
 
     def point_values(self, array: str) -> FloatArray:
-        """The values of a scalar array at the points, (n,), NaN where there is none; cell arrays are spread by area.
+        """The values of a scalar array at the points, (n,), NaN where there is none (infinite ones too); cell arrays
+        are spread by area.
 
         Raises
         ------
         LAFlatteningError : no such array, or not one of single numbers.
         """
-        surface = self.surface
-        for arrays, on_points in ((surface.point_data, True), (surface.cell_data, False)):
-            if array not in arrays:
-                continue
-            values = np.asarray(arrays[array])
-            if values.dtype.kind not in "fiub" or values.size != len(values):
-                raise LAFlatteningError(f'The array "{array}" does not hold single numbers. Choose a scalar array.')
-            values = values.reshape(-1).astype(np.float64)
-            return values if on_points else self._spread(values)
-        known = sorted({*surface.point_data, *surface.cell_data})
-        raise LAFlatteningError(
-            f'The map has no array "{array}"; found {", ".join(known) or "none"}. Check the name of the array.'
-        )
+        values, on_points = scalar_array(self.surface, array)
+        return values if on_points else self._spread(values)
 
     def _spread(self, values: FloatArray) -> FloatArray:
         """Means of the known values of the triangles round each point."""
@@ -105,11 +97,17 @@ def _text(value: object) -> str:
     return str(np.asarray(value, dtype=object).reshape(-1)[0])
 
 
-def _template(surface: Surface, name_or_path: str | Path | None) -> Template:
+def _template(surface: Surface, given: Template | str | Path | None) -> Template:
     """The template given, or the one that a map file names."""
-    if name_or_path is not None:
-        return Template.load(name_or_path)
     name = _text(surface.field_data["template"]) if "template" in surface.field_data else ""
+    if given is not None:
+        template = given if isinstance(given, Template) else Template.load(given)
+        if name and template.name != name:
+            raise TemplateError(
+                f'The map was made on the template "{name}", and {template.name} was given: its places would be taken '
+                f"for others. Give {name}, or flatten again on {template.name}."
+            )
+        return template
     if name not in builtin_templates():
         raise TemplateError(
             f'The map was made on the template "{name}", which is not a built-in one: give its file as the template.'

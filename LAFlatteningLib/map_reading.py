@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from . import operators
 from .errors import TemplateError
-from .fibrosis import corner_values
 from .flattening.flat_map import FlatMap
 from .map_data import MapData
 from .parcellation import Parcellation, Part
 from .quantities import unit_of
+from .scalar_arrays import corner_values
 from .shading import rasterise
 from .surface import FloatArray, IntArray, Surface
 from .template import Template

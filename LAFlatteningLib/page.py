@@ -146,6 +146,11 @@ def draw_line(axes: Axes, line: FloatArray, colour: str, width: float) -> None:
         )
 
 
+def digits(value: float, places: int) -> str:
+    """A number for people, a dash where there is none."""
+    return "-" if np.isnan(value) else f"{value:.{places}f}"
+
+
 def write_text(
     axes: Axes, place: Any, text: str, size: float, colour: str = INK, halo: bool = False, **options: Any
 ) -> None:

@@ -12,13 +12,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import topology
+from .cavity.covers import HOLE_ARRAY
+from .cavity.openings import guess_unit
 from .errors import InputFileError, LAFlatteningError, SurfaceError
+from .flattening.flat_map import POINT_ID_ARRAY, POSITION_ARRAY, REGION_ARRAY
 from .surface import FloatArray, IntArray, Surface
 from .volume import Volume
 
 LGE_ARRAY = "LGE"
 """Point array with the projected intensity."""
+TAKEN = (HOLE_ARRAY, REGION_ARRAY, POSITION_ARRAY, POINT_ID_ARRAY)
+"""Names of arrays that mean something else."""
 DEPTH_MM = 3.0
+FARTHEST_MM = 50.0
+"""Farther from the wall there is no wall: so far is across the chamber."""
 SIDES = ("both", "in", "out")
 STATISTICS = ("max", "mean")
 
@@ -53,7 +60,17 @@ class Projection:
 
     def on(self, surface: Surface, name: str = LGE_ARRAY) -> Surface:
         """The surface with the values as a point array, and how they were made in its field data
-        (NAME_interval_mm, NAME_step_mm, NAME_statistic)."""
+        (NAME_interval_mm, NAME_step_mm, NAME_statistic).
+
+        Raises
+        ------
+        LAFlatteningError : no name, or one that says something else on an atrium or a map (`TAKEN`).
+        """
+        if not name.strip() or name in TAKEN:
+            raise LAFlatteningError(
+                f"Expected a name for the array of intensities, like {LGE_ARRAY}, other than {', '.join(TAKEN)}; found "
+                f'"{name}".'
+            )
         return surface.with_data(
             {name: self.values},
             field_data={
@@ -88,9 +105,10 @@ def project(
 
     Raises
     ------
-    LAFlatteningError : depth not positive, interval empty, unknown side or statistic.
-    InputFileError : the image is the same everywhere, or no sample lies in it.
-    SurfaceError : a flat map, or a surface of which no outer side can be told.
+    LAFlatteningError : depth not positive, interval empty, farther than `FARTHEST_MM`, unknown side or statistic.
+    InputFileError : the image is the same everywhere; it does not reach the surface, or so little of it that the axes
+        of the surface are wrong.
+    SurfaceError : a flat map, a surface of which no outer side can be told, or one that is not in mm.
 
     Examples
     --------
@@ -102,14 +120,19 @@ def project(
     low, high = _interval(depth_mm, side, interval_mm)
     if statistic not in STATISTICS:
         raise LAFlatteningError(f'Expected the statistic "max" or "mean", found "{statistic}".')
-    _check_image(volume)
+    volume.check_varied()
     points = surface.points * surface.lps_signs
+    _check_unit(points[surface.used_points])
     normals = outward_normals(surface) * surface.lps_signs
     values, inside, count = sample_along(volume, points, normals, (low, high), statistic)
     used = surface.used_points
     outside, partly = (int(np.count_nonzero(used & which)) for which in (inside == 0, (inside > 0) & (inside < count)))
     if outside == np.count_nonzero(used):
         raise InputFileError(_no_overlap(points[used], volume))
+    if outside > 0.5 * np.count_nonzero(used) and _fits_turned(points[used], volume):
+        raise InputFileError(
+            f"The image does not reach {outside} of {np.count_nonzero(used)} points of the surface. " + _TURNED
+        )
     notes = []
     if outside:
         notes.append(
@@ -199,23 +222,16 @@ def _interval(depth_mm: float, side: str, interval_mm: Sequence[float] | None) -
                 "Expected an interval (from, to) in mm along the outward normal, from less than to, like (-1, 3); "
                 f"found {tuple(interval_mm)}."
             )
+        if max(abs(end) for end in interval_mm) > FARTHEST_MM:
+            raise LAFlatteningError(_too_far(max(interval_mm, key=abs)))
         return float(interval_mm[0]), float(interval_mm[1])
     if not (np.isfinite(depth_mm) and depth_mm > 0.0):
         raise LAFlatteningError(f"Expected a depth above 0 mm, found {depth_mm:g}. The usual depth is {DEPTH_MM:g} mm.")
     if side not in SIDES:
         raise LAFlatteningError(f'Expected the side "both", "in" or "out", found "{side}".')
+    if depth_mm > FARTHEST_MM:
+        raise LAFlatteningError(_too_far(depth_mm))
     return (0.0 if side == "out" else -float(depth_mm)), (0.0 if side == "in" else float(depth_mm))
-
-
-def _check_image(volume: Volume) -> None:
-    first = volume.values.flat[0]
-    if first != first and np.isnan(volume.values).all():
-        raise InputFileError("The image has no voxel with a value (all are NaN). Check that it is the right volume.")
-    if first == first and (volume.values == first).all():
-        raise InputFileError(
-            f"The image is {float(first):g} everywhere; expected one that shows the atrium. Check that it is the right "
-            "volume, and that it was exported with its voxels."
-        )
 
 
 def _no_overlap(points: FloatArray, volume: Volume) -> str:
@@ -230,10 +246,37 @@ def _no_overlap(points: FloatArray, volume: Volume) -> str:
         f"The image does not overlap the surface. The surface reaches over {texts[0]} mm, the image over {texts[1]} mm "
         "(x, y, z in LPS). "
     )
-    index = volume.indices(points * (-1.0, -1.0, 1.0))
-    if ((index >= 0.0) & (index <= last)).all(axis=1).mean() > 0.9:
-        return message + (
-            "They overlap if the axes of the surface are taken the other way: its file says or leaves open whether it "
-            "is in LPS or RAS, and that is probably wrong. Export the surface again with its axes named."
-        )
+    if _fits_turned(points, volume):
+        return message + _TURNED
     return message + "Check that both are of the same patient and examination, and in the same coordinates."
+
+
+_TURNED = (
+    "They overlap if the axes of the surface are taken the other way: its file says or leaves open whether it is in "
+    "LPS or RAS, and that is probably wrong. Export the surface again with its axes named."
+)
+
+
+def _fits_turned(points: FloatArray, volume: Volume) -> bool:
+    """Whether an image holds points (n, 3) in LPS if these are in RAS in truth."""
+    index = volume.indices(points * (-1.0, -1.0, 1.0))
+    last = np.array(volume.values.shape[::-1]) - 1.0
+    return bool(((index >= 0.0) & (index <= last)).all(axis=1).mean() > 0.9)
+
+
+def _check_unit(points: FloatArray) -> None:
+    """Raise SurfaceError where a surface is of a heart chamber's size in another unit."""
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    guess = guess_unit(size)
+    if guess is not None and guess[1] != 1.0:
+        raise SurfaceError(
+            f"The surface is {size:.3g} across, expected a chamber in mm. It is probably in {guess[0]}: multiply its "
+            f"coordinates by {guess[1]:g}."
+        )
+
+
+def _too_far(distance_mm: float) -> str:
+    return (
+        f"Expected to look at most {FARTHEST_MM:g} mm from the wall, found {distance_mm:g} mm. The usual depth is "
+        f"{DEPTH_MM:g} mm."
+    )

@@ -36,6 +36,29 @@ def is_voltage(name: str) -> bool:
     return unit_of(name) == "mV"
 
 
+def diseased_side(name: str) -> str:
+    """On which side of a threshold the values of an array are diseased, by its name: "below" for voltages, "above" for
+    everything else.
+
+    Examples
+    --------
+    >>> diseased_side("Bipolar"), diseased_side("LGE")
+    ('below', 'above')
+    """
+    return "below" if is_voltage(name) else "above"
+
+
+def readable(value: float) -> str:
+    """A number for people: four digits, all of those before the point, and no exponent where it can be helped.
+
+    Examples
+    --------
+    >>> readable(3.69103), readable(12345.6), readable(120.0), readable(0.00012)
+    ('3.691', '12346', '120', '0.00012')
+    """
+    return f"{value:.0f}" if 1e4 <= abs(value) < 1e7 else f"{value:.4g}"
+
+
 def measured(values: NDArray) -> NDArray[np.float64]:
     """Values as float64, NaN where nothing was measured."""
     values = np.asarray(values, np.float64)

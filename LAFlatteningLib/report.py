@@ -19,6 +19,7 @@ from typing import Any
 from ._version import __version__
 from .errors import InputFileError
 from .files.access import write_text
+from .quantities import readable
 
 DISCLAIMER = "Not a medical device. For research."
 _KINDS = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".svg": "image/svg+xml"}
@@ -231,8 +232,7 @@ def _value(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        # Four digits, and no exponent for what people read.
-        return f"{value:.4g}" if abs(value) < 1e4 and (abs(value) >= 1e-3 or value == 0.0) else f"{value:.3g}"
+        return readable(value) if abs(value) >= 1e-3 or value == 0.0 else f"{value:.3g}"
     if isinstance(value, (list, tuple)):
         return ", ".join(_value(entry) for entry in value)
     return str(value)

@@ -70,7 +70,9 @@ def fibrosis_section(content: Mapping[str, Any], pictures: list[Picture]) -> Sec
         Table(columns, [_part_row(part, missing) for part in found], f"Sub-regions: {group}" if group else "By region")
         for group, found in groups.items()
     ]
-    title = "Fibrosis" if content["direction"] == "above" else "Low voltage"
+    # High values of what has a unit (activation times) are no fibrosis.
+    above = content["array"] if content.get("unit") else "Fibrosis"
+    title = above if content["direction"] == "above" else "Low voltage"
     return Section(title, words, tables, pictures, list(content.get("notes", [])))
 
 

@@ -57,10 +57,12 @@ class Rule:
         sign = 1.0 if self.direction == "above" else -1.0
         if any(sign * b <= sign * a for a, b in zip(self.factors, self.factors[1:], strict=False)):
             order = "rising" if self.direction == "above" else "falling"
+            falls = self.direction == "above" and list(self.factors) == sorted(set(self.factors), reverse=True)
             right = ",".join(f"{x:g}" for x in sorted(set(self.factors), reverse=self.direction == "below"))
             raise LAFlatteningError(
                 f"The thresholds are out of order: expected them from normal to diseased, {order}, each once; found "
-                f"{','.join(f'{x:g}' for x in self.factors)}. Write {self.kind}={right}."
+                f"{','.join(f'{x:g}' for x in self.factors)}. Write {self.kind}={right}"
+                + (', or choose the direction "below" if low values are diseased.' if falls else ".")
             )
 
     @classmethod

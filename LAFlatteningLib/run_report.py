@@ -9,6 +9,7 @@ from typing import Any
 
 from .errors import InputFileError
 from .flattening.flat_map import USUAL_DILATATION
+from .gaps.quantification import scar_words
 from .report import Fixed, Picture, Section, Table, write_report
 from .report_sections import comparison_section, fibrosis_section, preparation_section, summary_section
 from .schema import load_json
@@ -21,7 +22,10 @@ CAPTIONS = {
     "fibrosis": "Classes on the atrium and on the map.",
     "gaps": "Gaps on the map.",
     "comparison": "Both maps with one colour bar.",
+    "difference": "Where they differ.",
 }
+PICTURES = {"fibrosis": ("fibrosis",), "gaps": ("gaps",), "comparison": ("comparison", "difference")}
+"""Pictures of each result, NAME.png."""
 MOST_ROWS = 40
 """Longer lists are left to the file that holds them."""
 
@@ -68,7 +72,7 @@ def run_sections(folder: Path | str) -> list[Section]:
     sections = [summary] if summary is not None else []
     sections.append(map_section(load_json(folder / METRICS), _pictures(folder, "figure")))
     make = {"fibrosis": fibrosis_section, "gaps": gap_section, "comparison": comparison_section}
-    sections += [make[name](content, _pictures(folder, name)) for name, content in found.items()]
+    sections += [make[name](content, _pictures(folder, *PICTURES[name])) for name, content in found.items()]
     if (folder / PREPARATION).is_file():
         sections.append(preparation_section(load_json(folder / PREPARATION), []))
     return sections
@@ -104,10 +108,11 @@ def gap_section(gaps: Mapping[str, Any], pictures: list[Picture]) -> Section:
     results = gaps["results"]
     shown = results[len(results) // 2]
     words = [
-        f"Scar is {gaps['array']} of {shown['threshold']:.4g} or more. Round each vein, and round the veins of each "
-        "side together, the closed path with the least length outside scar was looked for "
+        f"Scar is {scar_words(gaps['array'], gaps['direction'], shown['threshold'])}. Round each vein, and round the "
+        "veins of each side together, the closed path with the least length outside scar was looked for "
         f"({gaps['search']}). Its pieces outside scar are the gaps; the relative gap measure (RGM) is their share of "
-        "the path: 0 is a complete ring, 1 is no scar at all.",
+        "the path: 0 is a complete ring, 1 is no scar at all. Without an ablation round the veins these figures say "
+        "nothing.",
     ]
     if gaps.get("minimum_mm"):
         words.append(f"Gaps shorter than {gaps['minimum_mm']:g} mm are counted, not listed.")
@@ -158,7 +163,6 @@ def _get(data: Mapping[str, Any], *keys: str) -> Any:
     return value
 
 
-def _pictures(folder: Path, name: str) -> list[Picture]:
-    """The picture of this name, where it is in the folder."""
-    path = folder / f"{name}.png"
-    return [Picture(path, CAPTIONS[name])] if path.is_file() else []
+def _pictures(folder: Path, *names: str) -> list[Picture]:
+    """The pictures of these names that are in the folder."""
+    return [Picture(folder / f"{name}.png", CAPTIONS[name]) for name in names if (folder / f"{name}.png").is_file()]

@@ -22,6 +22,7 @@ from .flattening.flat_map import FlatMap
 from .map_data import MapData
 from .map_reading import GRID, check_templates, method_notes, places_of, read_map, regions_at
 from .progress import ProgressCallback, report
+from .quantities import diseased_side
 from .surface import FloatArray, Surface
 from .template import Template
 
@@ -158,7 +159,7 @@ def compare_several(
     names: Sequence[str],
     array: str,
     threshold: float | None = None,
-    direction: str = "above",
+    direction: str | None = None,
     progress: ProgressCallback | None = None,
 ) -> SeveralMaps:
     """Compare one array of three maps or more: each pair, and the mean and standard deviation of all at each place.
@@ -189,6 +190,7 @@ def compare_several(
     for number, (one, name) in enumerate(zip(maps, names, strict=True)):
         report(progress, 0.4 * number / len(maps), f"Reading {name}")
         readings.append(read_map(one, array))
+    direction = direction or diseased_side(array)
     template = readings[0].template
     for reading in readings[1:]:
         check_templates(template, reading.template)

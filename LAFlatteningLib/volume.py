@@ -81,6 +81,19 @@ class Volume:
         image.SetDirection(self.direction.reshape(-1).tolist())
         return image
 
+    def check_varied(self) -> None:
+        """Raise InputFileError for an image that shows nothing: the same everywhere, or NaN everywhere."""
+        first = self.values.flat[0]
+        if first != first and np.isnan(self.values).all():
+            raise InputFileError(
+                "The image has no voxel with a value (all are NaN). Check that it is the right volume."
+            )
+        if first == first and (self.values == first).all():
+            raise InputFileError(
+                f"The image is {float(first):g} everywhere; expected one that shows the atrium. Check that it is the "
+                "right volume, and that it was exported with its voxels."
+            )
+
     @property
     def voxel_volume(self) -> float:
         """Of one voxel, mm3."""

@@ -341,8 +341,7 @@ class AnalysisLogic:
         if otherMapNode is mapNode and array == otherArray:
             raise LAFlatteningError("A map would be compared with itself. Choose another map, or another array.")
         data, other = mapDataOf(mapNode), mapDataOf(otherMapNode)
-        directions = ["below" if is_voltage(name) else "above" for name in (array, otherArray)]
-        found = compare_maps(data, other, array, otherArray, direction_a=directions[0], direction_b=directions[1])
+        found = compare_maps(data, other, array, otherArray)
         surfaceNode = mapNode.GetNodeReference(SURFACE_ROLE)
         table = writeComparison(mapNode, surfaceNode, data, found, otherMapNode.GetName())
         table.SetDescription("\n".join(found.notes))

@@ -8,7 +8,8 @@ from vtk.util.numpy_support import numpy_to_vtk
 
 from LAFlatteningLib import MapData
 from LAFlatteningLib.blood_pool import BloodPool
-from LAFlatteningLib.fibrosis import Fibrosis, corner_values
+from LAFlatteningLib.fibrosis import Fibrosis
+from LAFlatteningLib.scalar_arrays import corner_values
 
 from .class_colours import removeClassColours, setClassColours
 from .image_input import addLabelVolume

@@ -60,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return BAD_INPUT
     except KeyboardInterrupt:
         progress.clear()
-        print("la-flatten: stopped; no file was written.", file=sys.stderr)
+        print("la-flatten: stopped; no file is half-written.", file=sys.stderr)
         return 130
     except OSError as error:
         # Nobody reads standard output (a closed pipe), or it has no room; files are whole by then.

@@ -15,8 +15,9 @@ from ..errors import InputFileError
 from ..fibrosis import DIRECTIONS
 from ..files import atomic_write, check_writable, read_surface
 from ..map_data import MapData
-from ..page import check_figure_path
+from ..page import check_figure_path, digits
 from ..progress import part
+from ..quantities import diseased_side
 from ..several_figures import draw_several, draw_spread
 from ..several_maps import SeveralMaps, compare_several
 from .command import Subcommands, add_command
@@ -46,7 +47,9 @@ def add(commands: Subcommands) -> None:
     sub.add_argument("--threshold-a", type=float, metavar="T", help="what counts on A (of two)")
     sub.add_argument("--threshold-b", type=float, metavar="T", help="and on B")
     sub.add_argument(
-        "--direction", choices=DIRECTIONS, help="which values are diseased; below: low voltage (default: above)"
+        "--direction",
+        choices=DIRECTIONS,
+        help="on which side of a threshold disease is (default: below for voltages, above for everything else)",
     )
     for letter in "ab":
         sub.add_argument(
@@ -154,11 +157,9 @@ def _choices(
         raise InputFileError("Say what is compared: give --array NAME, or for two maps --array-a and --array-b.")
     if several and options.scale == "ranks":
         raise InputFileError("Ranks are compared of two maps only. Leave --scale out, or give two maps.")
-    return (
-        (str(arrays[0]), str(arrays[1])),
-        (thresholds[0], thresholds[1]),
-        (directions[0] or DIRECTIONS[0], directions[1] or DIRECTIONS[0]),
-    )
+    names = str(arrays[0]), str(arrays[1])
+    sides = [direction or diseased_side(name) for direction, name in zip(directions, names, strict=True)]
+    return names, (thresholds[0], thresholds[1]), (sides[0], sides[1])
 
 
 def _write(
@@ -200,6 +201,6 @@ def _report_several(found: SeveralMaps) -> None:
 def _report_part(name: str, found: Agreement, scale: str) -> None:
     dice = f", Dice {found.dice:.3f}" if found.dice == found.dice else ""
     print(
-        f"{name}: {found.area_cm2:.1f} cm2, Pearson {found.pearson:.3f}, Spearman {found.spearman:.3f}, "
+        f"{name}: {found.area_cm2:.1f} cm2, Pearson {digits(found.pearson, 3)}, Spearman {digits(found.spearman, 3)}, "
         f"B - A {found.difference:.4g} (SD {found.difference_sd:.4g}, {scale}){dice}"
     )

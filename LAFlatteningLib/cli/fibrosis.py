@@ -14,7 +14,7 @@ from ..files import atomic_write, check_writable, read_surface, read_volume
 from ..map_data import MapData
 from ..page import check_figure_path
 from ..parcellation import Parcellation, builtin_parcellations, parcels_of
-from ..quantities import is_voltage
+from ..quantities import diseased_side
 from ..surface import Surface
 from ..volume import Volume
 from .command import Subcommands, add_command, check_distinct
@@ -42,7 +42,7 @@ def add(commands: Subcommands) -> None:
     sub.add_argument(
         "--direction",
         choices=DIRECTIONS,
-        help="which values are diseased (default: below for an array whose name says voltage, else above)",
+        help="on which side of the thresholds disease is (default: below for voltages, above for everything else)",
     )
     sub.add_argument(
         "--volume",
@@ -61,7 +61,7 @@ def add(commands: Subcommands) -> None:
         help=f"further parts to measure, may be repeated: {', '.join(builtin_parcellations())}, or a file",
     )
     sub.add_argument("--template", metavar="NAME|FILE.json", help="of the map (default: the one that the map names)")
-    sub.add_argument("--unit", default="", help="of the array, like mV (default: that of a known quantity)")
+    sub.add_argument("--unit", help="of the array, like mV (default: that of a known quantity)")
     sub.add_argument(
         "--names", metavar="A,B[,...]", help="names of the classes, from normal on (default: by the quantity)"
     )
@@ -75,7 +75,7 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
     if options.figure:
         check_figure_path(options.figure)
     check_distinct(options, ("map", "volume", "blood_pool_labels", "template", "output", "csv", "figure"))
-    rule = Rule.parse(options.rule, options.direction or DIRECTIONS[is_voltage(options.array)])
+    rule = Rule.parse(options.rule, options.direction or diseased_side(options.array))
     _check_options(options, rule)
     outputs = [path for path in (options.output, options.csv, options.figure) if path]
     for path in outputs:

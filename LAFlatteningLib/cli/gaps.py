@@ -8,6 +8,7 @@ import re
 from contextlib import ExitStack, suppress
 
 from ..errors import InputFileError
+from ..fibrosis import DIRECTIONS
 from ..files import atomic_write, check_writable, read_surface
 from ..gaps import GapReport, find_gaps
 from ..gaps.figures import draw_gaps
@@ -36,6 +37,11 @@ def add(commands: Subcommands) -> None:
         required=True,
         metavar="T[,T...]",
         help="from which value of the array tissue is scar; several give the curve of RGM over threshold",
+    )
+    gaps.add_argument(
+        "--direction",
+        choices=DIRECTIONS,
+        help="on which side of the threshold scar is (default: below for voltages, above for everything else)",
     )
     gaps.add_argument("--output", required=True, metavar="G.json", help="the gaps, with the paths as lines")
     gaps.add_argument("--figure", metavar="F.png", help="write a picture of the gaps on the map (.png .pdf .svg)")
@@ -67,7 +73,13 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
     progress(0.0, "Reading")
     data = MapData.of(read_surface(options.map), options.template)
     found = find_gaps(
-        data, options.array, thresholds, search=search, minimum_mm=options.minimum, progress=part(progress, 0.05, 0.8)
+        data,
+        options.array,
+        thresholds,
+        search=search,
+        minimum_mm=options.minimum,
+        direction=options.direction,
+        progress=part(progress, 0.05, 0.8),
     )
     with ExitStack() as files:
         if options.figure:
@@ -99,7 +111,7 @@ def _report(found: GapReport) -> None:
     for note in found.notes:
         print(f"Note: {note}")
     for threshold in found.thresholds:
-        print(f"scar: {found.array} of {threshold:g} or more")
+        print(f"scar: {found.scar_words(threshold)}")
         for area, ring in found.at(threshold).items():
             lengths = ", ".join(f"{gap.length_mm:.1f} mm ({gap.segment})" for gap in ring.gaps)
             small = f"{ring.small_gaps} shorter than {found.minimum_mm:g} mm" if ring.small_gaps else ""

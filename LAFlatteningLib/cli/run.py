@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
-from ..analysis_figures import draw_comparison, draw_fibrosis
+from ..analysis_figures import draw_comparison, draw_difference, draw_fibrosis
 from ..anatomy import LEFT_ATRIUM
 from ..blood_pool import BloodPool, find_blood_pool
 from ..comparison import compare_maps
@@ -26,11 +26,11 @@ from ..preparation import Preparation, prepare
 from ..progress import part
 from ..projection import project
 from ..run_report import write_run_report
+from ..scalar_arrays import corner_values
 from ..surface import Surface
 from ..template import DEFAULT_TEMPLATE, Template, builtin_templates
 from ..volume import Volume
 from .command import Subcommands, add_command, report_map, write_map
-from .compare import names_of
 from .prepare import (
     add_input_options,
     read_given,
@@ -45,7 +45,7 @@ from .progress import Progress
 FILES = ("cavity.vtp", "seeds.mrk.json", "map.vtp", "metrics.json", "prepare.json", "figure.png", "report.html")
 VOLUME_FILES = ("fibrosis.json", "fibrosis.csv", "fibrosis.png", "gaps.json", "gaps.png")
 """Also written where an image is given."""
-SECOND_FILES = ("comparison.json", "comparison.csv", "comparison.png")
+SECOND_FILES = ("comparison.json", "comparison.csv", "comparison.png", "difference.png")
 """Also written where a second map is given."""
 ARRAY = "LGE"
 """Point array of the projected intensities."""
@@ -69,9 +69,8 @@ def add(commands: Subcommands) -> None:
     sub.add_argument("--volume", metavar="LGE", help="image to project onto the wall; adds " + ", ".join(VOLUME_FILES))
     sub.add_argument(
         "--rule",
-        default=DEFAULT_RULE,
         help="classes of fibrosis, sd=K,.. iir=R,.. or value=V,..; the first threshold is also that of gaps in "
-        "ablation lines (default: %(default)s)",
+        f"ablation lines (default: {DEFAULT_RULE})",
     )
     sub.add_argument(
         "--parcellation",
@@ -99,7 +98,8 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
     folder = Path(options.output)
     files = {name: folder / name for name in (*FILES, *VOLUME_FILES, *SECOND_FILES)}
     check_figure_path(files["figure.png"])
-    rule = Rule.parse(options.rule)
+    _check_options(options)
+    rule = Rule.parse(options.rule or DEFAULT_RULE)
     progress(0.0, "Reading")
     surface, notes, is_label_map = read_input(options, part(progress, 0.0, 0.1))
     settings = settings_of(options, is_label_map)
@@ -117,7 +117,7 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
     volume = read_volume(options.volume) if options.volume else None
     second = MapData.of(read_surface(options.second), options.template) if options.second else None
     if second is not None:
-        second.point_values(options.second_array or options.array or ARRAY)
+        corner_values(second.surface, options.second_array or options.array or ARRAY)
     for path in files.values():
         if path.resolve() in {
             Path(given).resolve() for given in (options.input, options.volume, options.second) if given
@@ -132,10 +132,13 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
     searched: list[str] = []
     try:
         prepare(surface, settings, tips=tips, planes=planes, into=preparation, progress=part(progress, 0.1, 0.45))
-        if volume is not None:
-            pool = _project(preparation, volume)
-        with ExitStack() as written:
-            write_cavity(preparation, files["cavity.vtp"], files["seeds.mrk.json"], written)
+        try:
+            if volume is not None:
+                pool = _project(preparation, volume)
+        finally:
+            # Also where the image does not fit: what was cut is right all the same.
+            with ExitStack() as written:
+                write_cavity(preparation, files["cavity.vtp"], files["seeds.mrk.json"], written)
         assert preparation.cavity is not None
         flattener = Flattener(preparation.cavity, template, options.method, check_axes=not options.ignore_axes)
         flat_map = flattener.flatten(preparation.seeds, part(progress, 0.45, 0.7))
@@ -162,12 +165,23 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
     report_map(flat_map, [str(path) for path in files.values() if path.exists()])
 
 
+def _check_options(options: argparse.Namespace) -> None:
+    """Raise InputFileError for options that would have no effect, before any work."""
+    for name in ("rule", "parcellation"):
+        if getattr(options, name) and not options.volume:
+            raise InputFileError(f"--{name} belongs to fibrosis in an image: give the image with --volume.")
+    if options.second_array and not options.second:
+        raise InputFileError("--second-array says what is compared with another map: give that with --second.")
+
+
 def _check_array(options: argparse.Namespace, surface: Surface) -> None:
-    """Raise LAFlatteningError, before any work, for an array to draw that the map will not have."""
+    """Raise LAFlatteningError, before any work, for an array to draw or compare that the map will not have."""
     known = sorted({*surface.point_data, *surface.cell_data, *([ARRAY] if options.volume else [])})
-    if options.array is not None and options.array not in known:
+    array = options.array or (ARRAY if options.second else None)
+    if array is not None and array not in known:
         raise LAFlatteningError(
-            f'The atrium has no array "{options.array}"; found {", ".join(known) or "none"}. Check its name.'
+            f'The atrium has no array "{array}"; found {", ".join(known) or "none"}. Check its name, or give another '
+            "with --array."
         )
 
 
@@ -234,9 +248,9 @@ def _compare(flat_map: FlatMap, second: MapData, options: argparse.Namespace, fi
     """Write how this map agrees with another."""
     array = options.array or ARRAY
     found = compare_maps(MapData.of(flat_map), second, array, options.second_array or array)
-    own, other = names_of([str(files["map.vtp"]), options.second])
-    names = (own, other)
+    names = ("this map", Path(options.second).name)
     with ExitStack() as written:
+        draw_difference(found, written.enter_context(atomic_write(files["difference.png"])), names=names)
         draw_comparison(found, written.enter_context(atomic_write(files["comparison.png"])), names=names)
         text = json.dumps({"a": names[0], "b": names[1], **found.to_dict()}, indent=2) + "\n"
         written.enter_context(atomic_write(files["comparison.json"])).write_text(text, encoding="utf-8")

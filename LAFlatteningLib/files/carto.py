@@ -90,6 +90,8 @@ def _values(path: Path, sections: dict[str, str], about: dict[str, str], rows: i
         table = measured(_table(path, sections, "VerticesColorsSection", rows, max(len(names), 1)))
         # Some versions of CARTO write columns that they do not name.
         names += [f"unnamed_{k + 1}" for k in range(table.shape[1] - len(names))]
+        # No column hides another of its name.
+        names = [name if names.index(name) == k else f"{name}_{k + 1}" for k, name in enumerate(names)]
         arrays = {n: v for n, v in zip(names, table.T.copy(), strict=True) if np.isfinite(v).any()}
     if "VerticesAttributesSection" in sections:
         # The first line names the columns: scar, and what was marked as an ablation (EML).

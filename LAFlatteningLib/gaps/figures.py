@@ -27,7 +27,7 @@ from ..page import (
     write_heading,
     write_text,
 )
-from ..shading import NO_VALUE, FloatArray, Raster
+from ..shading import NO_VALUE, FloatArray, Raster, label_of
 from .quantification import Encirclement, GapReport
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ PATH_COLOUR, GAP_COLOUR, AREA_COLOUR = "#3a2a10", "#0a4fd0", "#7a7a7a"
 CURVES = ("#4477AA", "#EE6677", "#228833", "#AA3377", "#66CCEE", "#CCBB44")
 """Line colours of P. Tol's "bright" scheme, told apart with any colour blindness."""
 MOST_ROWS = 15
-"""More lines of text do not fit on the page."""
+"""More lines of text do not fit below a map."""
 
 
 def draw_gaps(
@@ -70,12 +70,12 @@ def make_gap_figure(flat_map: FlatMap | MapData, report: GapReport, *, threshold
     level = report.thresholds[len(report.thresholds) // 2] if threshold is None else threshold
     rings = report.at(level)
     figure = Figure(figsize=PAGE_INCHES, dpi=DOTS_PER_INCH, facecolor="white")
-    title = f"Gaps round the veins: scar is {report.array} of {level:.4g} or more"
+    title = f"Gaps round the veins: scar is {report.scar_words(level)}"
     centred: dict[str, Any] = {"ha": "center", "va": "center", "parse_math": False}
     figure.text(0.5, 1.0 - 0.36 / PAGE_INCHES[1], title, size=TITLE_SIZE, color=INK, **centred)
     facts = [
         f"search areas {report.search}",
-        f"gaps of {report.minimum_mm:g} mm or more are listed",
+        *([f"gaps of {report.minimum_mm:g} mm or more are listed"] if report.minimum_mm else []),
         "Not a medical device. For research.",
         f"LAFlattening {__version__}",
     ]
@@ -88,24 +88,34 @@ def make_gap_figure(flat_map: FlatMap | MapData, report: GapReport, *, threshold
     for label, heading, some in (("alone", "Each vein", alone), ("together", "Veins together", together)):
         if some:
             axes = add_axes(figure, label, (left, 3.05, 4.4, 4.4))
-            _draw(axes, data, raster, values, level, some)
+            _draw(axes, data, raster, values, level, report.direction, some)
             write_heading(axes, heading, 0.05)
             _table(figure, left, some)
             left += 4.6
     _legend(figure, bool(np.isnan(values).any()))
     axes = add_axes(figure, "RGM", (9.95, 4.9, 1.55, 2.3))
-    _curves(axes, report, level)
+    if len(report.thresholds) > 1:
+        _curves(axes, report, level)
+    else:
+        _bars(axes, report)
     return figure
 
 
 def _draw(
-    axes: Axes, data: MapData, raster: Raster, values: FloatArray, level: float, rings: dict[str, Encirclement]
+    axes: Axes,
+    data: MapData,
+    raster: Raster,
+    values: FloatArray,
+    level: float,
+    direction: str,
+    rings: dict[str, Encirclement],
 ) -> None:
     from matplotlib.collections import LineCollection
     from matplotlib.colors import to_rgb
 
     at = raster.interpolate(values)
-    colours = np.where((at >= level)[:, None], to_rgb(SCAR_COLOUR), to_rgb(HEALTHY_COLOUR))
+    scar = at >= level if direction == "above" else at < level
+    colours = np.where(scar[:, None], to_rgb(SCAR_COLOUR), to_rgb(HEALTHY_COLOUR))
     colours[np.isnan(at)] = to_rgb(NO_VALUE)
     show_raster(axes, raster, colours)
     for loop in data.surface.boundary_loops:
@@ -142,23 +152,35 @@ def _beside(place: FloatArray, middle: FloatArray, radius: float) -> FloatArray:
 
 
 def _table(figure: Figure, left: float, rings: dict[str, Encirclement]) -> None:
-    """The figures below a map; gaps by their numbers on it."""
-    lines: list[tuple[str, str]] = []
-    number = 1
+    """The figures below a map: a line for each ring, and below it its gaps in two columns, by their numbers on it."""
+    rows = {name: (len(ring.gaps) + 1) // 2 for name, ring in rings.items()}
+    # Every ring keeps its line; where there are too many gaps, those with most show fewer.
+    while sum(rows.values()) + len(rows) > MOST_ROWS:
+        rows[max(rows, key=lambda name: rows[name])] -= 1
+    line, first = 0, 1
     for name, ring in rings.items():
         small = f", {ring.small_gaps} shorter" if ring.small_gaps else ""
         state = "complete" if ring.complete else f"gaps {ring.gap_length_mm:.1f} mm{small}"
-        lines.append((f"{name}: {state}, scar {ring.scar_length_mm:.1f} mm, RGM {ring.rgm:.2f}", INK))
-        for gap in ring.gaps:
-            lines.append((f"     {number}   {gap.length_mm:.1f} mm   {gap.segment}", GAP_COLOUR))
-            number += 1
-    if len(lines) > MOST_ROWS:
-        lines = [*lines[: MOST_ROWS - 1], (f"and {len(lines) - MOST_ROWS + 1} lines more: see the gap file", FAINT)]
-    for row, (text, colour) in enumerate(lines):
-        figure.text(
-            (left + 0.1) / PAGE_INCHES[0], (2.9 - 0.165 * row) / PAGE_INCHES[1], text, size=SMALL_SIZE, color=colour,
-            ha="left", va="top", parse_math=False,
-        )  # fmt: skip
+        words = f"{name}: {state}, scar {ring.scar_length_mm:.1f} mm, RGM {ring.rgm:.2f}"
+        _cell(figure, left + 0.1, line, words, INK)
+        line += 1
+        room = 2 * rows[name]
+        listed = ring.gaps if len(ring.gaps) <= room else ring.gaps[: max(room - 1, 0)]
+        cells = [(f"{first + k}   {gap.length_mm:.1f} mm   {gap.segment}", GAP_COLOUR) for k, gap in enumerate(listed)]
+        if len(listed) < len(ring.gaps) and room:
+            cells.append((f"and {len(ring.gaps) - len(listed)} more: see the gap file", FAINT))
+        for k, (text, colour) in enumerate(cells):
+            _cell(figure, left + (0.25, 2.4)[k % 2], line + k // 2, text, colour)
+        line += rows[name]
+        first += len(ring.gaps)
+
+
+def _cell(figure: Figure, inches: float, line: int, text: str, colour: str) -> None:
+    """A text below the maps."""
+    figure.text(
+        inches / PAGE_INCHES[0], (2.9 - 0.165 * line) / PAGE_INCHES[1], text, size=SMALL_SIZE, color=colour,
+        ha="left", va="top", parse_math=False,
+    )  # fmt: skip
 
 
 def _legend(figure: Figure, missing: bool) -> None:
@@ -181,6 +203,22 @@ def _legend(figure: Figure, missing: bool) -> None:
     )  # fmt: skip
 
 
+def _bars(axes: Axes, report: GapReport) -> None:
+    """RGM of each search area at the only threshold."""
+    names = list(report.rings)
+    values = [rings[0].rgm for rings in report.rings.values()]
+    axes.barh(names, values, height=0.6, color=PATH_COLOUR)
+    axes.invert_yaxis()
+    for row, value in enumerate(values):
+        axes.text(value + 0.03, row, f"{value:.2f}", size=SMALL_SIZE, color=INK, va="center")
+    axes.set_xlim(0.0, 1.25)
+    axes.set_xticks([0.0, 0.5, 1.0])
+    axes.set_xlabel("relative gap measure\n(0 complete, 1 no scar)", size=SMALL_SIZE, color=INK)
+    axes.tick_params(labelsize=SMALL_SIZE, colors=FAINT)
+    axes.spines[["top", "right"]].set_visible(False)
+    write_heading(axes, "RGM", 0.1)
+
+
 def _curves(axes: Axes, report: GapReport, level: float) -> None:
     """RGM of each search area over the threshold."""
     for k, (name, rings) in enumerate(report.rings.items()):
@@ -191,7 +229,7 @@ def _curves(axes: Axes, report: GapReport, level: float) -> None:
         )  # fmt: skip
     axes.axvline(level, color=FAINT, linewidth=0.8, linestyle=":")
     axes.set_ylim(-0.03, 1.03)
-    axes.set_xlabel(f"threshold of {report.array}", size=SMALL_SIZE, color=INK, parse_math=False)
+    axes.set_xlabel(f"threshold of {label_of(report.array)}", size=SMALL_SIZE, color=INK, parse_math=False)
     axes.set_ylabel("relative gap measure (0 complete)", size=SMALL_SIZE, color=INK)
     axes.tick_params(labelsize=SMALL_SIZE, colors=FAINT)
     axes.spines[["top", "right"]].set_visible(False)

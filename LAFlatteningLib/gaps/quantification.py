@@ -19,13 +19,16 @@ from ..flattening import FlatMap
 from ..map_data import MapData
 from ..parcellation import NO_PART, Parcellation
 from ..progress import ProgressCallback, report
+from ..quantities import diseased_side, readable, unit_of
 from ..surface import FloatArray, IntArray
 from .level import cut_at_level
 from .ring_search import Ring, best_ring
-from .search_areas import SEARCH_MM, Search, SearchArea, describe_search, search_areas
+from .search_areas import SEARCH_MM, Search, SearchArea, by_distance, describe_search, search_areas
 
 BoolArray = NDArray[np.bool_]
 
+ALL_ROUND = "all round"
+"""Where a gap is that has no ends."""
 TOUCH_MM = 0.02
 """Healthy tissue or scar on a path for less than this is a corner that the path touches, not a gap and not scar."""
 
@@ -44,7 +47,7 @@ class FoundGap:
     place_mm, place_on_map : its middle, (3,) on the atrium and (2,) on the map.
     angle_degrees : its direction from the vein (of a pair: from the middle between them) on the map, counter-clockwise
         from +x, 0 to 360.
-    segment : the part of the segment model that its middle is in, or is nearest to.
+    segment : the part of the segment model that its middle is in, or is nearest to; `ALL_ROUND` of a path without scar.
     points_mm, points_on_map : the gap as a line, (k, 3) and (k, 2).
     """
 
@@ -74,7 +77,7 @@ class Encirclement:
     Attributes
     ----------
     area, openings : the search area, and the openings that it goes round.
-    threshold : scar is where the array reaches it.
+    threshold : beyond which the array is scar.
     gap_length_mm, scar_length_mm : length of the path outside and within scar.
     gaps : the healthy pieces, of the least length asked for or more, longest first.
     small_gaps : how many shorter ones there are; their length counts in `gap_length_mm`.
@@ -136,6 +139,7 @@ class GapReport:
     Attributes
     ----------
     array, space : the array that scar was read from; patient axes of positions.
+    direction : "above": scar is where the array reaches a threshold; "below": where it is less, as for voltage.
     thresholds : increasing.
     search, segments : names of the parcellations: search areas, and segments by which places are named.
     minimum_mm : least length of a gap in the lists.
@@ -145,12 +149,17 @@ class GapReport:
 
     array: str
     space: str
+    direction: str
     thresholds: tuple[float, ...]
     search: str
     segments: str
     minimum_mm: float
     rings: Mapping[str, tuple[Encirclement, ...]]
     notes: tuple[str, ...]
+
+    def scar_words(self, threshold: float) -> str:
+        """What is scar, as in "LGE of 120 or more" or "Bipolar below 0.5 mV"."""
+        return scar_words(self.array, self.direction, threshold)
 
     def at(self, threshold: float) -> dict[str, Encirclement]:
         """Search area -> path, for one of the thresholds."""
@@ -163,6 +172,7 @@ class GapReport:
             "version": __version__,
             "array": self.array,
             "space": self.space,
+            "direction": self.direction,
             "search": self.search,
             "segments": self.segments,
             "thresholds": list(self.thresholds),
@@ -184,6 +194,7 @@ def find_gaps(
     search: Search = SEARCH_MM,
     segments: Parcellation | str | Path = "vein_segments",
     minimum_mm: float = 0.0,
+    direction: str | None = None,
     progress: ProgressCallback | None = None,
 ) -> GapReport:
     """Measure the gaps round each vein and each pair of veins.
@@ -192,7 +203,9 @@ def find_gaps(
     ----------
     flat_map : a map, or `MapData` of a map file.
     array : a scalar point or cell array: intensity, or scar as 0 and 1 (threshold 0.5).
-    thresholds : scar is where the array, linear in each triangle, reaches the threshold. One or more, increasing.
+    thresholds : one or more, increasing.
+    direction : "above": scar is where the array, linear in each triangle, reaches the threshold. "below": where it is
+        less. Default: below for voltages, above for everything else.
     search : where the path round each vein, and round the veins of each side together, is looked for. A number: within
         so many mm of the rims, and nearer to them than to any other hole. Or a parcellation (name, file or object) of
         which each part goes round one opening or several, such as the published "vein_surroundings"; or area -> point
@@ -207,7 +220,8 @@ def find_gaps(
     Raises
     ------
     LAFlatteningError : no such array or no number in it; thresholds missing, not finite or out of order.
-    SurfaceError : a search area that does not go round an opening, or that another opening interrupts.
+    SurfaceError : a search area that was drawn does not go round an opening, or another opening interrupts it; or
+        this is so of all areas within the distance. (Where it is so of some, they are left out, which a note says.)
     TemplateError : a parcellation that does not belong on the map's template.
 
     Examples
@@ -222,6 +236,9 @@ def find_gaps(
     levels = _check_thresholds(thresholds)
     if not (np.isfinite(minimum_mm) and minimum_mm >= 0.0):
         raise LAFlatteningError(f"Expected a least length of gaps of 0 mm or more, found {minimum_mm:g}.")
+    direction = direction or diseased_side(array)
+    if direction not in ("above", "below"):
+        raise LAFlatteningError(f'Expected scar "above" or "below" thresholds, found "{direction}".')
     values = data.point_values(array)
     known = np.isfinite(values)
     if not known.any():
@@ -233,20 +250,32 @@ def find_gaps(
         )
     for level in levels:
         if level > values[known].max() or level <= values[known].min():
+            everything = (level > values[known].max()) == (direction == "below")
             notes.append(
                 f"The threshold {level:g} is outside the values of {array} ({values[known].min():g} to "
-                f"{values[known].max():g}): {'nothing' if level > values[known].max() else 'everything'} is scar."
+                f"{values[known].max():g}): {'everything' if everything else 'nothing'} is scar."
             )
-    areas = search_areas(data, search)
+    areas, left_out = search_areas(data, search)
     model = segments if isinstance(segments, Parcellation) else Parcellation.load(segments)
     segment_of = model.labels_at(data.flat, data.template)
     rings: dict[str, tuple[Encirclement, ...]] = {}
     for index, area in enumerate(areas):
-        found = []
+        found: list[Encirclement] = []
         for k, level in enumerate(levels):
             share = (index + k / len(levels)) / len(areas)
             report(progress, share, f"Looking for gaps: {area.name} at {level:g}")
-            found.append(_encircle(data, values, level, area, model, segment_of, minimum_mm))
+            ring = _encircle(data, values, level, direction, area, model, segment_of, minimum_mm)
+            if ring is None:
+                break
+            found.append(ring)
+        if not found:
+            if not by_distance(search):
+                raise SurfaceError(
+                    f"The search area {area.name} does not go all the way round {' and '.join(area.openings)}. Draw it "
+                    "larger, or keep it off the rim of the map and of other openings."
+                )
+            left_out.append(area.name)
+            continue
         rings[area.name] = tuple(found)
         if found[0].unknown_share > 0.0:
             notes.append(f"{100 * found[0].unknown_share:.1f} % of the search area {area.name} has no value.")
@@ -257,9 +286,18 @@ def find_gaps(
                 f"{max(bordering.values()):.1f} mm of its gaps lie on the border of the search "
                 "area; scar beyond it is not seen. Look at the map, and at the veins together."
             )
+    if left_out:
+        words = (
+            f"no closed way round {', '.join(left_out)} was found {describe_search(search)} that keeps clear of other "
+            "openings. Take another search distance."
+        )
+        if not rings:
+            raise SurfaceError(f"Gaps cannot be measured: {words}")
+        notes.append(f"Left out: {words}")
     return GapReport(
         array,
         data.surface.space,
+        direction,
         levels,
         describe_search(search),
         model.name,
@@ -269,6 +307,12 @@ def find_gaps(
     )
 
 
+def scar_words(array: str, direction: str, threshold: float) -> str:
+    """What is scar, as in "LGE of 120 or more" or "Bipolar below 0.5 mV"."""
+    number = " ".join(word for word in (readable(threshold), unit_of(array)) if word)
+    return f"{array} of {number} or more" if direction == "above" else f"{array} below {number}"
+
+
 # ---- one vein at one threshold ---------------------------------------------------------------------------------------
 
 
@@ -276,21 +320,22 @@ def _encircle(
     data: MapData,
     values: FloatArray,
     level: float,
+    direction: str,
     area: SearchArea,
     model: Parcellation,
     segment_of: IntArray,
     minimum_mm: float,
-) -> Encirclement:
+) -> Encirclement | None:
+    """The best path; None where the area does not go all the way round."""
     triangles = data.triangles[area.triangles]
     ids, corners = np.unique(triangles, return_inverse=True)
     local = corners.reshape(-1, 3)
-    mesh = cut_at_level(data.surface.points[ids], data.flat[ids], local, values[ids], level)
+    # To reach a threshold is to be it or more; to be below it is to be less.
+    signed, cut = (values, level) if direction == "above" else (-values, float(np.nextafter(-level, np.inf)))
+    mesh = cut_at_level(data.surface.points[ids], data.flat[ids], local, signed[ids], cut)
     ring = best_ring(mesh, area.centre)
     if ring is None:
-        raise SurfaceError(
-            f"The search area {area.name} does not go all the way round {' and '.join(area.openings)}. Draw it larger, "
-            "or keep it off the rim of the map and of other openings."
-        )
+        return None
     ring = _without_touches(ring)
     lengths = ring.lengths
     gaps = [_describe(data, piece, area, model, segment_of) for piece in _gap_pieces(ring)]
@@ -363,6 +408,7 @@ def _describe(
     data: MapData, piece: tuple[FloatArray, FloatArray], area: SearchArea, model: Parcellation, segment_of: IntArray
 ) -> FoundGap:
     points, flat = piece
+    whole = bool((points[0] == points[-1]).all())
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     middle = 0.5 * along[-1]
     place = np.array([np.interp(middle, along, points[:, k]) for k in range(3)])
@@ -376,7 +422,7 @@ def _describe(
         place,
         on_map,
         float(area.centre.angles(on_map[None])[0]),
-        model.names.get(label, ""),
+        ALL_ROUND if whole else model.names.get(label, ""),
         points,
         flat,
     )

@@ -48,12 +48,13 @@ class SearchArea:
     border: IntArray
 
 
-def search_areas(data: MapData, search: Search) -> list[SearchArea]:
-    """The search areas on a map.
+def search_areas(data: MapData, search: Search) -> tuple[list[SearchArea], list[str]]:
+    """The search areas on a map, and the names of those within a distance of rims that are none: another opening
+    interrupts them, or they do not hold the rim.
 
     Raises
     ------
-    SurfaceError : an area that goes round no opening, or that another opening interrupts.
+    SurfaceError : an area that a user drew and that goes round no opening, or that another opening interrupts.
     TemplateError : a parcellation that does not belong on the map's template.
     LAFlatteningError : an array that is not there, a distance out of range.
     """
@@ -70,7 +71,20 @@ def search_areas(data: MapData, search: Search) -> list[SearchArea]:
         parts = search if isinstance(search, Parcellation) else Parcellation.load(search)
         centroids = data.flat[corners].mean(axis=1)
         masks = {part.name: parts.contains(part.name, centroids, data.template) for part in parts.parts}
-    return [_search_area(data, name, mask, holes) for name, mask in masks.items()]
+    areas, none = [], []
+    for name, mask in masks.items():
+        try:
+            areas.append(_search_area(data, name, mask, holes))
+        except SurfaceError:
+            if not by_distance(search):
+                raise
+            none.append(name)
+    return areas, none
+
+
+def by_distance(search: Search) -> bool:
+    """Whether search areas lie within a distance of rims; otherwise they are drawn."""
+    return isinstance(search, (int, float))
 
 
 def describe_search(search: Search) -> str:

@@ -8,8 +8,9 @@ import pytest
 import SimpleITK as sitk
 
 from LAFlatteningLib import read_surface, write_surface
-from LAFlatteningLib.analysis_figures import class_paint
+from LAFlatteningLib.analysis_figures import class_paint, make_comparison_figure
 from LAFlatteningLib.cli import main
+from LAFlatteningLib.comparison import compare_maps
 from LAFlatteningLib.fibrosis import Rule, measure_fibrosis
 from LAFlatteningLib.phantom import make_lge_volume
 
@@ -126,6 +127,12 @@ def test_compare_writes_all_files(files, phantom_map, capsys):
     assert "Pearson 1.000" in capsys.readouterr().out
 
 
+def test_a_figure_of_a_constant_has_no_correlation(phantom_map):
+    same = phantom_map.to_surface().with_data({"v": np.full(len(phantom_map.points), 5.0)})
+    page = make_comparison_figure(compare_maps(phantom_map, same, "LGE", "v"))
+    assert "Pearson r = -, Spearman rho = -" in page.texts[0].get_text()
+
+
 PROJECT = ("project", "atrium.vtp", "--output", "out.vtp", "--volume")
 FIBROSIS = ("fibrosis", "map.vtp", "--output", "f.json", "--array")
 COMPARE = ("compare", "map.vtp", "map.vtp", "--output", "cmp")
@@ -150,6 +157,7 @@ COMPARE = ("compare", "map.vtp", "map.vtp", "--output", "cmp")
         ((*FIBROSIS, "LGE", "--rule", "value=3", "--csv", "f.json"), "given twice"),
         ((*COMPARE, "--array-a", "LGE", "--array-b", "MIP"), 'no array "MIP"'),
         ((*COMPARE, "--array-a", "LGE", "--array-b", "LGE", "--threshold-a", "1"), "Give both"),
+        ((*COMPARE, "--array-a", "LGE", "--array-b", "LGE", "--template", "population"), "population was given"),
         (("compare", "map.vtp", "atrium.vtp", "--output", "cmp", "--array-a", "LGE", "--array-b", "LGE"), "not flat"),
     ],
 )

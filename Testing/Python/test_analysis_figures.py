@@ -90,6 +90,28 @@ def test_every_class_is_in_the_table(across):
         assert f"{share:.1f}" in written
 
 
+def test_more_classes_than_fit_are_summed_up(across):
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    found = measure_fibrosis(across, "x", Rule("value", tuple(np.linspace(-0.4, 0.4, 12))))
+    figure = pages.make_fibrosis_figure(across, found)
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    heads = [text for text in figure.texts if text.get_text().endswith("(%)")]
+    assert [head.get_text() for head in heads] == ["normal (%)", "beyond the first threshold (%)"]
+    boxes = [head.get_window_extent(renderer) for head in heads]
+    assert boxes[0].x1 < boxes[1].x0 < boxes[1].x1 < figure.bbox.width
+    assert f"{found.atrium.beyond_percent:.1f}" in [text.get_text() for text in figure.texts]
+
+
+def test_the_share_without_values_is_on_the_page(across):
+    found = measure_fibrosis(across, "holed", Rule("value", (0.0,)))
+    share = 100.0 * found.atrium.missing_cm2 / (found.atrium.missing_cm2 + found.atrium.area_cm2)
+    words = " ".join(text.get_text() for text in pages.make_fibrosis_figure(across, found).texts).replace("\n", " ")
+    assert f"{share:.1f} % of the atrium has no value" in words
+    whole = measure_fibrosis(across, "x", Rule("value", (0.0,)))
+    assert "no value" not in " ".join(text.get_text() for text in pages.make_fibrosis_figure(across, whole).texts)
+
+
 def test_an_atrium_without_a_map_has_the_page_for_itself(phantom):
     found = measure_fibrosis(phantom.surface, "LGE", Rule("value", (120.0,)))
     axes = axes_of(pages.make_fibrosis_figure(phantom.surface, found))

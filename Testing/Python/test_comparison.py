@@ -116,7 +116,7 @@ def test_a_patch_is_found_where_it_was_put(phantom_map):
 def test_quantities_that_cannot_be_subtracted_are_compared_by_rank(phantom_map):
     values = pattern(phantom_map.surface.points)
     both = with_array(with_array(phantom_map, "LGE", values), "voltage", np.exp(-values / 20.0))
-    found = compare_maps(both, both, "LGE", "voltage")
+    found = compare_maps(both, both, "LGE", "voltage", direction_b="above")
     assert found.scale == "ranks"
     assert found.whole.spearman == pytest.approx(-1.0, abs=1e-5)
     assert found.whole.pearson > -1.0 + 1e-3
@@ -126,7 +126,8 @@ def test_quantities_that_cannot_be_subtracted_are_compared_by_rank(phantom_map):
     assert 0.0 <= a.min() < 0.1 and 99.9 < a.max() <= 100.0
     # Low voltage is diseased: then the two say the same, and overlap.
     limits = np.percentile(values, 80), np.exp(-np.percentile(values, 80) / 20.0)
-    alike = compare_maps(both, both, "LGE", "voltage", *limits, direction_b="below")
+    alike = compare_maps(both, both, "LGE", "voltage", *limits)
+    assert (alike.direction_a, alike.direction_b) == ("above", "below")
     assert np.abs(alike.difference).max() < 3.0
     assert alike.whole.spearman == found.whole.spearman
     assert alike.whole.dice > 0.97
@@ -168,6 +169,20 @@ def test_files_compare_as_maps_do(phantom_map, tmp_path):
     assert np.abs(compare_maps(phantom_map, again, "LGE", "LGE").difference).max() < 1e-9
 
 
+def test_what_says_nothing_is_noted(phantom_map):
+    values = pattern(phantom_map.surface.points)
+    assert compare_maps(phantom_map, phantom_map, "LGE", "LGE").notes == ()
+    same = compare_maps(phantom_map, with_array(phantom_map, "v", np.full(len(values), 5.0)), "LGE", "v")
+    assert any("v of B is 5 everywhere" in note for note in same.notes)
+    a, b = with_array(phantom_map, "v", values), with_array(phantom_map, "v", 1000.0 + values)
+    assert "no values in common" in compare_maps(a, b, "v", "v").notes[0]
+    ranks = compare_maps(a, b, "v", "v", scale="ranks")
+    assert ranks.notes == ()
+    # Percentiles are of the whole map, so that their mean is the same on both.
+    other = with_array(phantom_map, "w", np.sin(values))
+    assert compare_maps(a, other, "v", "w").whole.difference == 0.0
+
+
 # ---- bad input -------------------------------------------------------------------------------------------------------
 
 
@@ -179,6 +194,9 @@ def test_maps_that_cannot_be_compared_are_refused(phantom, phantom_map):
         compare_maps(phantom_map, phantom_map, "LGE", "MIP")
     with pytest.raises(LAFlatteningError, match="Give both, or none"):
         compare_maps(phantom_map, phantom_map, "LGE", "LGE", 120.0)
+    for thresholds in ((np.nan, 120.0), (120.0, np.inf)):
+        with pytest.raises(LAFlatteningError, match="thresholds that are numbers"):
+            compare_maps(phantom_map, phantom_map, "LGE", "LGE", *thresholds)
     with pytest.raises(LAFlatteningError, match='"auto", "values" or "ranks"'):
         compare_maps(phantom_map, phantom_map, "LGE", "LGE", scale="log")
     values = phantom_map.surface.points[:, 0]

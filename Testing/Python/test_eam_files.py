@@ -155,6 +155,16 @@ def test_carto_map_is_read_in_patient_axes_with_missing_values(tmp_path):
     np.testing.assert_array_equal(found.point_data["Scar"], z > -40)
 
 
+def test_columns_of_one_name_do_not_hide_each_other(tmp_path):
+    surface = chamber()
+    rising, falling = np.arange(float(len(surface.points))), -np.arange(float(len(surface.points)))
+    path = write_carto(tmp_path / "twice.mesh", surface, {"Bipolar": rising, "Other": falling})
+    path.write_bytes(path.read_bytes().replace(b"Bipolar  Other", b"Bipolar  Bipolar"))
+    found = read_surface(path)
+    assert np.allclose(found.point_data["Bipolar"], rising)
+    assert np.allclose(found.point_data["Bipolar_2"], falling)
+
+
 def test_carto_leaves_out_what_is_not_shown(tmp_path):
     surface = meshes.icosphere(30.0, 3)
     centre = surface.points[surface.triangles].mean(axis=1)

@@ -3,19 +3,22 @@
 import csv
 import io
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from LAFlatteningLib.blood_pool import BloodPool, blood_pool_of_labels, find_blood_pool, given_blood_pool
-from LAFlatteningLib.errors import LAFlatteningError, SurfaceError
-from LAFlatteningLib.fibrosis import Rule, measure_fibrosis, share_reaching
+from LAFlatteningLib.cli import main
+from LAFlatteningLib.errors import InputFileError, LAFlatteningError, SurfaceError
+from LAFlatteningLib.fibrosis import Rule, measure_fibrosis
 from LAFlatteningLib.files import read_surface, write_surface
 from LAFlatteningLib.flattening import flatten
 from LAFlatteningLib.parcellation import Parcellation
 from LAFlatteningLib.phantom import LgeModel, left_atrium_shape, make_lge_volume, make_phantom
 from LAFlatteningLib.projection import project
+from LAFlatteningLib.scalar_arrays import share_reaching
 from LAFlatteningLib.surface import Surface
 from LAFlatteningLib.volume import Volume
 
@@ -238,6 +241,7 @@ def test_rules_and_labels_of_classes(phantom):
     [
         ("iir=1.32,1.2", "above", "out of order.*rising.*iir=1.2,1.32"),
         ("value=120,120", "above", "each once"),
+        ("value=0.5,0.1", "above", 'choose the direction "below" if low values'),
         ("value=0.1,0.5", "below", "falling.*value=0.5,0.1"),
         ("otsu=1", "above", 'found "otsu"'),
         ("iir", "above", "rule like iir"),
@@ -262,6 +266,34 @@ def test_rules_that_mean_nothing_for_a_blood_pool_are_refused(phantom):
         given_blood_pool(100.0, -1.0)
 
 
+def test_low_voltages_are_diseased_without_being_told(phantom, phantom_map, tmp_path):
+    surface = with_regions(phantom, Bipolar=0.5 + (120.0 - phantom.surface.point_data["LGE"]) / 50.0)
+    share = measure_fibrosis(surface, "LGE", Rule("value", (120.0,))).atrium.beyond_percent
+    write_surface(surface, tmp_path / "atrium.vtp")
+    command = ("fibrosis", str(tmp_path / "atrium.vtp"), "--array", "Bipolar", "--output", str(tmp_path / "f.json"))
+    assert main([*command, "--rule", "value=0.5,0.1"]) == 0
+    found = json.loads((tmp_path / "f.json").read_text())
+    assert (found["direction"], found["unit"], found["notes"]) == ("below", "mV", [])
+    assert found["parts"][0]["beyond_percent"] == pytest.approx(share, abs=1e-6)
+    assert main([*command, "--rule", "value=0.5", "--direction", "above"]) == 0
+    found = json.loads((tmp_path / "f.json").read_text())
+    assert "other side" in found["notes"][0]
+    assert found["parts"][0]["beyond_percent"] == pytest.approx(100.0 - share, abs=1e-6)
+    late = measure_fibrosis(
+        phantom.surface.with_data({"LAT": phantom.surface.points[:, 0]}), "LAT", Rule("value", (9.0,))
+    )
+    assert late.class_names == ("normal", "class 1")
+    with pytest.raises(LAFlatteningError, match="Bipolar is in mV"):
+        measure_fibrosis(surface, "Bipolar", Rule("iir", (1.2,)), BloodPool(100.0, 8.0, "test"))
+
+
+@pytest.mark.parametrize("limits", [(1.2, 1.32), (500.0,)])
+def test_thresholds_that_no_value_crosses_are_noted(phantom, limits):
+    assert measure_fibrosis(phantom.surface, "LGE", Rule("value", (120.0,))).notes == ()
+    note = measure_fibrosis(phantom.surface, "LGE", Rule("value", limits)).notes[0]
+    assert "(100 to 170) are on one side" in note
+
+
 def test_arrays_that_cannot_be_measured_are_refused(phantom):
     surface, rule = phantom.surface, Rule("value", (1.0,))
     with pytest.raises(LAFlatteningError, match='no array "MIP"; found LGE, scar'):
@@ -273,6 +305,9 @@ def test_arrays_that_cannot_be_measured_are_refused(phantom):
         measure_fibrosis(nothing, "xyz", rule)
     with pytest.raises(LAFlatteningError, match="2 names of classes, found 1"):
         measure_fibrosis(surface, "LGE", rule, class_names=("one",))
+    for names in (("same", "same"), ("normal", "")):
+        with pytest.raises(LAFlatteningError, match="names of classes that differ, none empty"):
+            measure_fibrosis(surface, "LGE", rule, class_names=names)
     with pytest.raises(LAFlatteningError, match="one for each triangle"):
         measure_fibrosis(surface, "LGE", rule, parcels={"p": (np.zeros(3, np.int64), {1: "a"})})
 
@@ -341,6 +376,22 @@ def test_an_empty_blood_pool_is_refused(phantom, image):
     coarse = Volume(image.values[::20, ::30, ::30], image.spacing * (30, 30, 20), image.origin, image.direction)
     with pytest.raises(LAFlatteningError, match="no blood pool"):
         find_blood_pool(phantom.surface, coarse)
+
+
+def test_blood_of_an_image_that_shows_nothing_is_refused(phantom, image):
+    blank = Volume(np.full_like(image.values, 7.0), image.spacing, image.origin, image.direction)
+    with pytest.raises(InputFileError, match="7 everywhere"):
+        find_blood_pool(phantom.surface, blank)
+
+
+def test_blood_of_a_part_of_the_chamber_says_so_and_of_a_corner_is_refused(phantom, image):
+    z = phantom.surface.points[:, 2]
+    index = (np.percentile(z, [8, 50]) - image.origin[2]) / image.spacing[2]
+    some, half = (Volume(image.values[: int(last) + 1], image.spacing, image.origin, image.direction) for last in index)
+    assert 45.0 < float(re.search(r"reaches (\d+) %", find_blood_pool(phantom.surface, half).how)[1]) < 55.0
+    assert "reaches" not in find_blood_pool(phantom.surface, image).how
+    with pytest.raises(LAFlatteningError, match=r"reaches \d % of the chamber.*axes"):
+        find_blood_pool(phantom.surface, some)
 
 
 def test_a_ratio_to_shifted_intensities_is_refused(phantom, image):

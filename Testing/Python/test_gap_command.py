@@ -2,11 +2,13 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from LAFlatteningLib.cli import main
 from LAFlatteningLib.files import write_surface
 from LAFlatteningLib.gaps import find_gaps
+from LAFlatteningLib.map_data import MapData
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +73,29 @@ def test_bad_options_leave_no_file(map_file, options, message, capsys):
     assert run(map_file, **options) == 2
     assert message in capsys.readouterr().err
     assert not output.exists()
+
+
+def test_every_vein_has_its_line_however_many_gaps_there_are(phantom_map, monkeypatch):
+    pytest.importorskip("matplotlib")
+    from LAFlatteningLib.gaps import figures
+
+    monkeypatch.setattr(figures, "MOST_ROWS", 9)
+    data = MapData.of(phantom_map)
+    # Stripes of scar all round: many gaps on every path.
+    stripes = np.sin(5.0 * data.surface.points[:, 0]) + np.sin(5.0 * data.surface.points[:, 2])
+    data = MapData(data.surface.with_data({"stripes": stripes}), data.flat, data.template)
+    report = find_gaps(data, "stripes", [1.2])
+    rings = report.at(1.2)
+    assert sum(len(rings[name].gaps) for name in ("RSPV", "RIPV", "LIPV", "LSPV")) > 2 * (9 - 4)
+    figure = figures.make_gap_figure(data, report)
+    texts = [text.get_text() for text in figure.texts]
+    for name, ring in rings.items():
+        assert any(text.startswith(f"{name}: ") and text.endswith(f"RGM {ring.rgm:.2f}") for text in texts)
+    assert any(text.endswith("more: see the gap file") for text in texts)
+    written = [text.get_position() for text in figure.texts if ": " in text.get_text() or " mm   " in text.get_text()]
+    assert len({round(y, 4) for x, y in written if 0.0 < x < 0.4 and y < 0.4}) <= 9
+    bars = next(axes for axes in figure.axes if axes.get_label() == "RGM").patches
+    assert [bar.get_width() for bar in bars] == [ring.rgm for ring in rings.values()]
 
 
 def test_the_figure_shows_every_gap_and_curve(phantom_map):

@@ -392,6 +392,44 @@ def test_published_search_areas_can_be_chosen(phantom_map):
     assert report.at(0.5)["RIPV"].complete
 
 
+def test_pairs_that_lie_too_far_apart_are_left_out_and_noted(phantom_map, monkeypatch):
+    found = find_gaps(phantom_map, "LGE", [110.0, 120.0], search=6.0)
+    whole = find_gaps(phantom_map, "LGE", [110.0, 120.0])
+    assert set(whole.rings) == {"RSPV", "RIPV", "LIPV", "LSPV", "left", "right"}
+    left_out = set(whole.rings) - set(found.rings)
+    assert left_out and left_out <= {"left", "right"}
+    assert found.notes[-1].startswith(f"Left out: no closed way round {', '.join(sorted(left_out))} was found within 6")
+    monkeypatch.setattr("LAFlatteningLib.gaps.search_areas.INSIDE", 1.1)
+    with pytest.raises(SurfaceError, match=r"Gaps cannot be measured.*within 15 mm.*another search distance"):
+        find_gaps(phantom_map, "LGE", [120.0])
+
+
+def test_a_path_without_scar_is_healthy_all_round(phantom_map):
+    ring = find_gaps(phantom_map, "LGE", [500.0]).at(500.0)["RSPV"]
+    assert [gap.segment for gap in ring.gaps] == ["all round"]
+    assert "all round" not in {gap.segment for gap in find_gaps(phantom_map, "LGE", [120.0]).at(120.0)["RSPV"].gaps}
+
+
+def test_scar_of_voltages_is_where_they_are_low(phantom_map):
+    data = MapData.of(phantom_map)
+    voltage = 3.0 - data.surface.point_data["LGE"] / 60.0
+    data = MapData(data.surface.with_data({"Bipolar": voltage}), data.flat, data.template)
+    high, low = find_gaps(data, "LGE", [120.0]), find_gaps(data, "Bipolar", [1.0])
+    assert (high.direction, low.direction) == ("above", "below")
+    assert low.scar_words(1.0) == "Bipolar below 1 mV"
+    for name, ring in low.at(1.0).items():
+        other = high.at(120.0)[name]
+        assert ring.gap_length_mm == pytest.approx(other.gap_length_mm, abs=1e-6)
+        assert ring.rgm == pytest.approx(other.rgm, abs=1e-6)
+    above = find_gaps(data, "Bipolar", [1.0], direction="above")
+    assert above.at(1.0)["RSPV"].complete and not low.at(1.0)["RSPV"].complete
+    assert "everything is scar" in find_gaps(data, "Bipolar", [9.0]).notes[0]
+    assert "nothing is scar" in find_gaps(data, "Bipolar", [-9.0]).notes[0]
+    # Less than the threshold: a value that equals it is healthy.
+    whole = MapData(data.surface.with_data({"voltage": np.ones(len(voltage))}), data.flat, data.template)
+    assert find_gaps(whole, "voltage", [1.0]).at(1.0)["RSPV"].rgm == 1.0
+
+
 @pytest.mark.parametrize(
     ("options", "error", "message"),
     [
@@ -408,6 +446,7 @@ def test_published_search_areas_can_be_chosen(phantom_map):
         ({"search": {"RSPV": "nothing"}}, SurfaceError, "is empty"),
         ({"search": {"RSPV": "open"}}, SurfaceError, "does not go all the way round RSPV"),
         ({"search": {"RSPV": "runs_into"}}, SurfaceError, "also runs into RIPV"),
+        ({"direction": "beside"}, LAFlatteningError, 'found "beside"'),
         ({"array": "unknown"}, LAFlatteningError, "every value is NaN"),
     ],
 )

@@ -202,5 +202,8 @@ def test_what_is_no_map_is_refused(phantom, phantom_map):
     with pytest.raises(TemplateError, match="does not say on which template"):
         MapData.of(nameless)
     assert MapData.of(nameless, "adapted1").template == ADAPTED1
+    for given in ("population", Template.load("population")):
+        with pytest.raises(TemplateError, match='on the template "adapted1", and population was given'):
+            MapData.of(flat, given)
     with pytest.raises(LAFlatteningError, match='no array "voltage"'):
         MapData.of(phantom_map).point_values("voltage")

@@ -212,6 +212,32 @@ def test_a_surface_in_the_other_axes_is_recognised(phantom, image):
         project(turned, away)
 
 
+def test_an_image_that_a_turned_surface_touches_by_chance_is_refused(phantom, image):
+    points = phantom.surface.points
+    # The part of the image that holds the atrium begins in the mirrored atrium.
+    low = points.min(axis=0) - 5.0
+    shift = np.array([-low[0] - 8.0, -low[1] - 8.0, 0.0])
+    away = Volume(image.values, image.spacing, image.origin + shift, image.direction)
+    turned = Surface((points + shift) * (-1.0, -1.0, 1.0), phantom.surface.triangles)
+    index = away.indices(turned.points)
+    some = ((index >= 0.0) & (index <= np.array(away.values.shape[::-1]) - 1)).all(axis=1).mean()
+    assert 0.0 < some < 0.5
+    with pytest.raises(InputFileError, match=r"does not reach \d+ of.*the other way"):
+        project(turned, away)
+    # A half image of the right place is no reason to doubt the axes.
+    half = Volume(image.values[: len(image.values) // 2], image.spacing, image.origin, image.direction)
+    assert project(phantom.surface, half).outside > 0.4 * len(points)
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(0.001, "metres"), (0.1, "centimetres"), (1000.0, "micrometres")])
+def test_a_surface_in_another_unit_is_refused_even_where_it_lies_in_the_image(phantom, image, factor, unit):
+    centred = phantom.surface.points - phantom.surface.points.mean(axis=0)
+    origin = -0.5 * image.spacing * image.values.shape[::-1]
+    around = Volume(image.values, image.spacing, origin, np.eye(3))
+    with pytest.raises(SurfaceError, match=f"probably in {unit}"):
+        project(Surface(factor * centred, phantom.surface.triangles), around)
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -222,6 +248,8 @@ def test_a_surface_in_the_other_axes_is_recognised(phantom, image):
         ({"statistic": "median"}, '"max" or "mean"'),
         ({"interval_mm": (3.0, -1.0)}, "from less than to"),
         ({"interval_mm": (1.0,)}, "from less than to"),
+        ({"depth_mm": 1e9}, "at most 50 mm"),
+        ({"interval_mm": (-60.0, 3.0)}, "at most 50 mm from the wall, found -60"),
     ],
 )
 def test_settings_without_meaning_are_refused(phantom, image, options, words):
@@ -235,6 +263,9 @@ def test_an_image_that_shows_nothing_is_refused(phantom, image):
         project(phantom.surface, blank)
 
 
-def test_a_map_is_refused(phantom_map, image):
+def test_names_that_are_taken_and_maps_are_refused(phantom, phantom_map, image):
+    for name in ("", " ", "region", "hole"):
+        with pytest.raises(LAFlatteningError, match=r"other than hole, region.*found \""):
+            project(phantom.surface, image).on(phantom.surface, name)
     with pytest.raises(SurfaceError, match="looks like a map"):
         project(phantom_map.to_surface(), image)

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from datetime import date
 from html.parser import HTMLParser
 
@@ -14,6 +15,7 @@ from LAFlatteningLib.comparison import compare_maps
 from LAFlatteningLib.errors import InputFileError
 from LAFlatteningLib.fibrosis import Rule, measure_fibrosis
 from LAFlatteningLib.gaps import find_gaps
+from LAFlatteningLib.map_data import MapData
 from LAFlatteningLib.parcellation import parcels_of
 from LAFlatteningLib.report import DISCLAIMER, Fixed, Picture, Section, Table, make_html, write_report
 from LAFlatteningLib.run_report import run_sections, write_run_report
@@ -196,6 +198,25 @@ def test_a_comparison_says_what_is_compared(run_folder, phantom_map):
     assert float(row[2]) == pytest.approx(found.parts[5].pearson, abs=0.001)
     assert any("B - A (percentiles)" in row for row in page.rows)
     assert any("ranks" in text for text in run_sections(run_folder)[-1].warnings)
+
+
+def test_scar_of_voltages_times_and_the_difference_are_named(run_folder, phantom_map):
+    data = MapData.of(phantom_map)
+    arrays = {"Bipolar": 3.0 - data.surface.point_data["LGE"] / 60.0, "LAT": data.surface.point_data["LGE"]}
+    data = replace(data, surface=data.surface.with_data(arrays))
+    (run_folder / "gaps.json").write_text(json.dumps(find_gaps(data, "Bipolar", [1.0]).to_dict()))
+    late = measure_fibrosis(data, "LAT", Rule("value", (120.0,)))
+    (run_folder / "fibrosis.json").write_text(json.dumps(late.to_dict()))
+    found = compare_maps(data, data, "LAT", "LAT")
+    (run_folder / "comparison.json").write_text(json.dumps({"a": "x", "b": "y", **found.to_dict()}))
+    for name in ("comparison.png", "difference.png"):
+        (run_folder / name).write_bytes(PNG)
+    page = Page(write_run_report(run_folder).read_text(encoding="utf-8"))
+    assert "Scar is Bipolar below 1 mV." in page.text
+    assert "Without an ablation round the veins these figures say nothing" in page.text
+    sections = {section.title: section for section in run_sections(run_folder)}
+    assert "LAT" in sections and "Fibrosis" not in sections
+    assert [picture.path.name for picture in sections["Comparison"].pictures] == ["comparison.png", "difference.png"]
 
 
 def test_what_was_mended_and_is_doubtful_comes_first(run_folder):
