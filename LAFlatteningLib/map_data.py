@@ -13,6 +13,9 @@ from .scalar_arrays import scalar_array
 from .surface import FloatArray, IntArray, Surface
 from .template import Template, builtin_templates
 
+DIAMETER_FIELD = "map_diameter_mm"
+"""Field array of maps that the Slicer module has exported: how wide they are, in mm."""
+
 
 @dataclass(frozen=True, eq=False)
 class MapData:
@@ -61,10 +64,11 @@ class MapData:
                 "measured. Make the map again with this version."
             )
         space = flat_map.field_data.get("seed_space", flat_map.space)
+        layout = _template(flat_map, template)
         return cls(
             replace(flat_map, points=np.asarray(position, np.float64), space=_text(space)),
-            flat_map.points[:, :2],
-            _template(flat_map, template),
+            _in_map_units(flat_map, layout),
+            layout,
             _text(flat_map.field_data.get("method", "")),
         )
 
@@ -91,6 +95,17 @@ class MapData:
         total = np.bincount(corner, np.repeat(weight * np.nan_to_num(values), 3), minlength=count)
         with np.errstate(divide="ignore", invalid="ignore"):
             return total / np.bincount(corner, np.repeat(weight, 3), minlength=count)
+
+
+def _in_map_units(flat_map: Surface, template: Template) -> FloatArray:
+    """The places on the map; files of the Slicer module have them in mm, with the centre of the map at the origin."""
+    flat = flat_map.points[:, :2]
+    if DIAMETER_FIELD not in flat_map.field_data:
+        return flat
+    diameter = float(np.asarray(flat_map.field_data[DIAMETER_FIELD]).reshape(-1)[0])
+    if not (np.isfinite(diameter) and diameter > 0.0):
+        raise SurfaceError(f'The map says in "{DIAMETER_FIELD}" that it is {diameter:g} mm wide. Export it again.')
+    return flat * (2.0 * template.radius / diameter) + np.asarray(template.outer.shape.centre)
 
 
 def _text(value: object) -> str:

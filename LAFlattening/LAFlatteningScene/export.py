@@ -11,8 +11,10 @@ import slicer
 import vtk
 
 from LAFlatteningLib import builtin_templates
-from LAFlatteningLib.errors import InputFileError
+from LAFlatteningLib.errors import InputFileError, SurfaceError
 from LAFlatteningLib.files import atomic_write, write_surface
+from LAFlatteningLib.flattening.flat_map import POSITION_ARRAY
+from LAFlatteningLib.map_data import DIAMETER_FIELD
 from LAFlatteningLib.shading import label_of
 from LAFlatteningLib.surface import Surface
 
@@ -21,6 +23,7 @@ from .display_link import activeArray, scalarRange
 from .fibrosis_nodes import FIBROSIS
 from .gap_nodes import GAP_LIST, GAPS
 from .map_nodes import settingsOf
+from .map_reading import mapDataOf
 from .overlay import overlayOf
 from .quality_nodes import METRICS_ROLE, REGIONS_ROLE
 from .result_nodes import resultOf
@@ -77,11 +80,20 @@ def exportMap(mapNode: ModelNode, directory: str | Path, formats: tuple[str, ...
 
 
 def mapSurface(mapNode: ModelNode) -> Surface:
-    """The map of a node as a surface of the library, mm, with all its arrays; it shares nothing with the node."""
+    """The map of a node as a surface of the library, mm, with all its arrays; it shares nothing with the node.
+
+    As in the library's own files, ``position_mm`` says where each point is on the atrium, as long as that is in the
+    scene: without it nothing can be measured on the file.
+    """
     copy = vtk.vtkPolyData()
     copy.DeepCopy(mapNode.GetPolyData())
     # A map has no patient axes. RAS is what Slicer shows as it is, without turning it.
-    return Surface.from_polydata(copy, "RAS")
+    surface = Surface.from_polydata(copy, "RAS")
+    try:
+        places = {POSITION_ARRAY: mapDataOf(mapNode).surface.points}
+        return surface.with_data(places, field_data={DIAMETER_FIELD: np.array([settingsOf(mapNode).diskDiameter])})
+    except SurfaceError:
+        return surface
 
 
 def writeTable(table: slicer.vtkMRMLTableNode, path: Path) -> None:

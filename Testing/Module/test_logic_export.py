@@ -9,10 +9,10 @@ import numpy as np
 import slicer
 import vtk
 from LAFlatteningScene import export
-from logic_case import LogicCase, addAtrium, addSeeds, array, points, triangles
+from logic_case import LogicCase, addAtrium, addSeeds, array, phantom, points, triangles
 from vtk.util.numpy_support import vtk_to_numpy
 
-from LAFlatteningLib import InputFileError, read_surface
+from LAFlatteningLib import InputFileError, MapData, find_gaps, flatten, read_surface
 from LAFlatteningLib.cavity.covers import HOLE_ARRAY
 
 
@@ -42,6 +42,17 @@ class ExportTest(LogicCase):
         np.testing.assert_array_equal(surface.point_data["LGE"], array(self.surface, "LGE"))
         np.testing.assert_array_equal(surface.cell_data["region"], array(self.flat, "region", True))
         self.assertNotIn(HOLE_ARRAY, surface.point_data)
+
+    def test_theModelIsAMapForTheCommands(self):
+        (path,) = self.logic.exportMap(self.flat, self.folder, ("vtp",))
+        data = MapData.of(read_surface(path))
+        made = flatten(phantom().surface, phantom().seeds)
+        np.testing.assert_allclose(data.flat, made.points, atol=1e-4)
+        np.testing.assert_allclose(data.surface.triangle_areas, made.surface.triangle_areas, atol=1e-3)
+        # A gap has its length again.
+        expected = find_gaps(made, "LGE", [120.0]).at(120.0)
+        for area, ring in find_gaps(data, "LGE", [120.0]).at(120.0).items():
+            self.assertAlmostEqual(ring.gap_length_mm, expected[area].gap_length_mm, delta=0.1)
 
     def test_slicerShowsTheModelWhereItWas(self):
         (path,) = self.logic.exportMap(self.flat, self.folder, ("vtp",))
