@@ -31,11 +31,8 @@ from slicer.ScriptedLoadableModule import *  # noqa: F403
 if importlib.util.find_spec("LAFlatteningLib") is None:
     sys.path.append(str(Path(__file__).resolve().parents[1]))
 
-from LAFlatteningScene import views
 from LAFlatteningScene.analysis_logic import DEFAULT_THRESHOLDS, AnalysisLogic
-from LAFlatteningScene.colouring import CELL_DATA, POINT_DATA, ArrayChoice, colourBy, colourChoices, colouredBy
 from LAFlatteningScene.export import exportMap
-from LAFlatteningScene.linked_views import LinkedViews
 from LAFlatteningScene.live_update import LiveUpdate, Report
 from LAFlatteningScene.map_making import checkOutput, chooseMap, makeMap, notesOf
 from LAFlatteningScene.map_nodes import writeMap
@@ -47,6 +44,7 @@ from LAFlatteningScene.seed_nodes import seedPositions
 from LAFlatteningScene.surface_nodes import Settings, SurfaceCache
 from LAFlatteningScene.template_logic import TemplateLogic
 from LAFlatteningScene.template_text import IsTemplate, textOf
+from LAFlatteningScene.view_logic import ViewLogic
 from LAFlatteningWidgets import (
     AnalyseSection,
     ExportSection,
@@ -146,14 +144,21 @@ class LAFlatteningParameterNode:
     exportDirectory: Path
 
 
-class LAFlatteningLogic(ScriptedLoadableModuleLogic, SeedLogic, PrepareLogic, AnalysisLogic, TemplateLogic):  # noqa: F405
+class LAFlatteningLogic(
+    ScriptedLoadableModuleLogic,  # noqa: F405
+    SeedLogic,
+    PrepareLogic,
+    AnalysisLogic,
+    TemplateLogic,
+    ViewLogic,
+):
     """What the module does, on MRML nodes; usable from the console.
 
     Positions are RAS, mm, world coordinates: parent transforms of surface and seeds count, nonlinear ones too.
     Errors of the library (`LAFlatteningLib.errors`) pass through unchanged. What it does with seeds
     (create, place, snap, check) is in `LAFlatteningScene.seed_logic`, how it makes an atrium of a raw one in
     `LAFlatteningScene.prepare_logic`, what it reads off a map in `LAFlatteningScene.analysis_logic`, how it edits
-    templates in `LAFlatteningScene.template_logic`.
+    templates in `LAFlatteningScene.template_logic`, how it shows atrium and map in `LAFlatteningScene.view_logic`.
 
     Attributes
     ----------
@@ -169,7 +174,6 @@ class LAFlatteningLogic(ScriptedLoadableModuleLogic, SeedLogic, PrepareLogic, An
         self.cache = SurfaceCache()
         self.isBusy = False
         self._live: LiveUpdate | None = None
-        self._linked: LinkedViews | None = None
 
     # ---- map ---------------------------------------------------------------------------------------------------------
 
@@ -293,82 +297,6 @@ class LAFlatteningLogic(ScriptedLoadableModuleLogic, SeedLogic, PrepareLogic, An
         """Make the change again that was undone last."""
         if self._live is not None:
             self._live.redo()
-
-    # ---- views -------------------------------------------------------------------------------------------------------
-
-    def showLayout(self) -> None:
-        """Show the atrium left and the map right."""
-        views.showLayout()
-        self.updateViews()
-
-    def updateViews(self) -> None:
-        """Show what belongs into each of the linked views, after nodes were made that belong into one."""
-        if self._linked is not None:
-            self._linked.update()
-
-    def frameMap(self) -> None:
-        """Show the whole disk in the map view."""
-        if self._linked is not None:
-            self._linked.frame()
-
-    def atriumViewNode(self) -> slicer.vtkMRMLViewNode | None:
-        """The 3D view of the atrium; None before `showLayout`."""
-        return views.viewNode(views.ATRIUM_VIEW)
-
-    def mapViewNode(self) -> slicer.vtkMRMLViewNode | None:
-        """The view of the map; None before `showLayout`."""
-        return views.viewNode(views.MAP_VIEW)
-
-    def linkViews(
-        self,
-        parameterNode: LAFlatteningParameterNode,
-        onReadout: Callable[[str], None] | None = None,
-        onColours: Callable[[], None] | None = None,
-    ) -> None:
-        """Keep views and display of atrium and map in step, as the parameter node says.
-
-        Linked cursor both ways, click on the map to turn the atrium, same colours, template lines and labels, covers of
-        the openings, each object only in its own view.
-
-        Parameters
-        ----------
-        onReadout : told what is under the cursor (region, value with the name of its array, place); "" for nothing.
-        onColours : called when the atrium is coloured otherwise.
-        """
-        self.unlinkViews()
-        self._linked = LinkedViews(self, parameterNode, onReadout, onColours)
-
-    def unlinkViews(self) -> None:
-        """End what `linkViews` began; overlay and colours stay as they are."""
-        if self._linked is not None:
-            self._linked.stop()
-            self._linked = None
-
-    # ---- colours -----------------------------------------------------------------------------------------------------
-
-    def colourChoices(self, surfaceNode: vtkMRMLModelNode | None) -> dict[ArrayChoice, str]:
-        """What the atrium can be coloured by: (array, point or cell data) -> what it is called, with unit."""
-        return colourChoices(surfaceNode)
-
-    def colouredBy(self, surfaceNode: vtkMRMLModelNode | None) -> ArrayChoice | None:
-        """What the atrium is coloured by; None: one plain colour."""
-        return colouredBy(surfaceNode)
-
-    def colourBy(self, surfaceNode: vtkMRMLModelNode, array: str | ArrayChoice | None) -> None:
-        """Colour the atrium by an array over the range of its values; None: one plain colour. A linked map follows.
-
-        Parameters
-        ----------
-        array : its name (points before triangles), or a key of `colourChoices`.
-
-        Raises
-        ------
-        InputFileError : the atrium has no such scalar array.
-        """
-        if isinstance(array, str):
-            onPoints = (array, POINT_DATA)
-            array = onPoints if onPoints in colourChoices(surfaceNode) else (array, CELL_DATA)
-        colourBy(surfaceNode, array)
 
     # ---- quality and export ------------------------------------------------------------------------------------------
 
