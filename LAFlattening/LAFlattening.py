@@ -99,6 +99,7 @@ class LAFlatteningParameterNode:
     rule, ruleThresholds, ruleDirection : how classes are told apart, see `LAFlatteningLib.Rule`; numbers as typed.
     bloodRegion : where blood is; the inside of the atrium if none is chosen.
     parcellation : further parts that are measured; "none" or a built-in one.
+    parcellationFile : a file with further parts of the user's own; "." for none.
     gapThresholds : of scar, as typed.
     otherMap, otherArray : what is compared with; an empty array is the same as `analysisArray`.
     exportDirectory : where files are written; "." until one is chosen.
@@ -138,6 +139,7 @@ class LAFlatteningParameterNode:
     ruleDirection: Annotated[str, Choice(DIRECTIONS)] = "above"
     bloodRegion: Union[vtkMRMLLabelMapVolumeNode, vtkMRMLSegmentationNode]  # noqa: UP007
     parcellation: Annotated[str, Choice(("none", *builtin_parcellations()))] = "none"
+    parcellationFile: Path
     gapThresholds: str = ""
     otherMap: vtkMRMLModelNode
     otherArray: str = ""

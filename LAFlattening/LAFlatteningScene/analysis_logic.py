@@ -272,7 +272,9 @@ class AnalysisLogic:
         """`measureFibrosis` with what the panel says."""
         p = parameterNode
         rule = Rule(p.rule, thresholdsFrom(p.ruleThresholds), p.ruleDirection)
-        chosen = [] if p.parcellation == "none" else [p.parcellation]
+        chosen: list[str | Path] = [] if p.parcellation == "none" else [p.parcellation]
+        if str(p.parcellationFile) not in ("", "."):
+            chosen.append(Path(p.parcellationFile))
         return self.measureFibrosis(p.map, p.analysisArray, rule, p.volume, p.bloodRegion, chosen, progress)
 
     # ---- gaps --------------------------------------------------------------------------------------------------------

@@ -1,6 +1,9 @@
 """The section Analyse of the panel: what its buttons do, and what it says."""
 
+import json
+import tempfile
 import unittest
+from pathlib import Path
 
 import numpy as np
 import slicer
@@ -57,6 +60,31 @@ class AnalysePanelTest(PanelCase):
         self.ui.clearButton.click()
         self.assertTrue(table.isHidden())
         self.assertFalse(self.ui.clearButton.enabled)
+
+    def test_subRegionsOfOnesOwn(self):
+        self.openImage()
+        self.parameters.parcellation = "vein_segments"
+        content = {
+            "schema": "laflattening-parcellation/1",
+            "name": "two_walls",
+            "anatomy": "left_atrium",
+            "parts": [
+                {"label": 1, "name": "behind", "title": "Wall behind", "area": {"type": "region", "number": 5}},
+                {"label": 2, "name": "front", "title": "Wall in front", "area": {"type": "region", "number": 4}},
+            ],
+        }
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "own.json"
+            path.write_text(json.dumps(content), encoding="utf-8")
+            self.ui.parcellationFile.currentPath = str(path)
+            self.ui.measureButton.click()
+        self.assertNotIn("expected", self.ui.analyseMessage.text)
+        names = [self.ui.fibrosisTable.item(row, 1).text() for row in range(self.ui.fibrosisTable.rowCount)]
+        self.assertEqual(len(names), 6 + 16 + 2)
+        self.assertEqual(names[-2:], ["behind", "front"])
+        self.ui.parcellationFile.currentPath = "/nowhere/own.json"
+        self.ui.measureButton.click()
+        self.assertIn("own.json", self.ui.analyseMessage.text)
 
     def test_wrongThresholdsAreSaid(self):
         self.openImage()
