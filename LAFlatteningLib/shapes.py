@@ -6,6 +6,7 @@ that nobody has to ask of which kind one is.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -106,13 +107,13 @@ class Shape:
 
 
 @dataclass(frozen=True)
-class Cornered(Shape):
+class Cornered(Shape, ABC):
     """What convex outlines with straight sides share. Their angles are those of rays from the centre."""
 
     @property
+    @abstractmethod
     def corners(self) -> FloatArray:
         """(k, 2), counter-clockwise."""
-        raise NotImplementedError
 
     def _sides(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """First corner of each side (k, 2); way to its second (k, 2); angle of each corner and at last of the first

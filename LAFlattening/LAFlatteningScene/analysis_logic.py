@@ -30,7 +30,7 @@ from .image_input import inCoordinatesOf, localVolume, segmentVolume, worldVolum
 from .live_projection import LiveProjection
 from .map_nodes import SURFACE_ROLE, copyArrays, mapsOf
 from .map_reading import mapDataOf, withParcels, writeHow
-from .result_nodes import removeResults, resultOf, resultsOf
+from .result_nodes import hasOutdated, removeResults, resultOf, resultsOf
 from .surface_nodes import surfaceOf
 
 if TYPE_CHECKING:
@@ -359,6 +359,10 @@ class AnalysisLogic:
     def surfaceOfMap(self, mapNode: ModelNode | None) -> ModelNode | None:
         """The atrium of a map."""
         return mapNode.GetNodeReference(SURFACE_ROLE) if mapNode is not None else None
+
+    def hasOutdated(self, mapNode: ModelNode | None) -> bool:
+        """Whether something was measured on a map before it changed; what was drawn on the map is hidden then."""
+        return hasOutdated(mapNode)
 
     def hasResults(self, mapNode: ModelNode | None) -> bool:
         """Whether anything was measured on a map."""

@@ -18,7 +18,7 @@ from .live_update import surfaceMoved
 from .map_nodes import belongsTo, settingsOf
 from .openings import hideOpenings, openingsNode, showOpenings
 from .overlay import overlayOf, updateOverlay
-from .result_nodes import drawnOnMap, resultsOf
+from .result_nodes import HIDDEN, drawnOnMap, resultsOf
 from .seed_nodes import seedPositions
 from .surface_nodes import Settings
 from .views import ATRIUM_VIEW, MAP_VIEW, MapView, Visibility, threeDView, viewNode
@@ -236,7 +236,8 @@ def _takeOut(mapNode: slicer.vtkMRMLModelNode) -> None:
     if mapNode.GetAttribute(PUT_AWAY):
         mapNode.RemoveAttribute(PUT_AWAY)
         for node in (mapNode, *drawnOnMap(mapNode)):
-            node.SetDisplayVisibility(True)
+            if not node.GetAttribute(HIDDEN):
+                node.SetDisplayVisibility(True)
 
 
 def belongingsOf(node: slicer.vtkMRMLModelNode) -> list[slicer.vtkMRMLNode]:

@@ -15,7 +15,7 @@ from slicer.util import VTKObservationMixin
 from LAFlatteningLib import Cancelled, LAFlatteningError, SeedError
 
 from .map_making import chooseMap
-from .map_nodes import FINGERPRINT
+from .result_nodes import FINGERPRINT
 from .seed_nodes import (
     Positions,
     SeedHistory,

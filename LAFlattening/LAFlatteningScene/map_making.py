@@ -14,7 +14,6 @@ from LAFlatteningLib.progress import ProgressCallback
 
 from .display_link import followColours
 from .map_nodes import (
-    FINGERPRINT,
     NOTES,
     SEEDS_ROLE,
     STAGE,
@@ -29,6 +28,7 @@ from .map_nodes import (
 )
 from .overlay import updateOverlay
 from .quality_nodes import writeQuality
+from .result_nodes import FINGERPRINT, hideOutdated
 from .seed_nodes import seedPositions
 from .surface_nodes import Settings, fingerprint, sameGeometry, surfaceOf
 
@@ -118,6 +118,7 @@ def _write(
     isNew = mapNode.GetDisplayNode() is None
     writeMap(mapNode, flatMap, surfaceNode, settings, "map")
     mapNode.SetAttribute(FINGERPRINT, madeFrom)
+    hideOutdated(mapNode)
     writeRegions(surfaceNode, flatMap)
     linkNodes(mapNode, surfaceNode, seedsNode)
     display = prepareDisplay(mapNode)

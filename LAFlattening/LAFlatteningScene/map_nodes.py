@@ -14,14 +14,13 @@ from LAFlatteningLib.flattening.flat_map import POINT_ID_ARRAY, REGION_ARRAY
 from LAFlatteningLib.flattening.preview import Preview
 from LAFlatteningLib.shading import REGION_COLOURS
 
+from .result_nodes import FINGERPRINT, hideOutdated
 from .surface_nodes import CELL_ID_ARRAY, Settings
 
 SURFACE_ROLE, SEEDS_ROLE, MAP_ROLE = "LAFlattening.surface", "LAFlattening.seeds", "LAFlattening.map"
 """Node references: from a map to what it was made of, and from the surface to its maps."""
-NOTES, FINGERPRINT, STAGE, SETTINGS = (
-    f"LAFlattening.{name}" for name in ("notes", "fingerprint", "stage", "settings")
-)  # fmt: skip
-"""Attributes of a map node: JSON list of notes, what the map was made from, "preview" or "map", JSON of `Settings`."""
+NOTES, STAGE, SETTINGS = (f"LAFlattening.{name}" for name in ("notes", "stage", "settings"))
+"""Attributes of a map node: JSON list of notes, "preview" or "map", JSON of `Settings`."""
 OWN_REGIONS = "LAFlattening.regionArray"
 """Attribute of a surface node whose region array was written by this module."""
 COLOURS_NAME = "Left atrial regions"
@@ -78,6 +77,7 @@ def writeMap(
         else:
             # A quick map is never taken for the map of these seeds.
             mapNode.RemoveAttribute(FINGERPRINT)
+            hideOutdated(mapNode)
     finally:
         mapNode.EndModify(modifying)
 

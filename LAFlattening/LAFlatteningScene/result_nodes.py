@@ -11,6 +11,10 @@ from vtk.util.numpy_support import numpy_to_vtk
 
 RESULT_ROLE = "LAFlattening.results"
 """Node reference from a map to each of its results."""
+FINGERPRINT = "LAFlattening.fingerprint"
+"""Attribute of a map: what it was made from; absent while it is a quick one."""
+MADE_FOR, HIDDEN = "LAFlattening.madeFor", "LAFlattening.hiddenAsOutdated"
+"""Attributes of a result: the fingerprint of the map when it was measured; hidden because that has changed."""
 KIND, ON_MAP = "LAFlattening.result", "LAFlattening.onMap"
 """Attributes of a result: what it is, and whether it is drawn on the map (and not on the atrium)."""
 
@@ -44,9 +48,38 @@ def addResult(mapNode: ModelNode, kind: str, className: str, name: str, onMap: b
     if onMap:
         node.SetAttribute(ON_MAP, "1")
     # Known as belonging to the map before anything that looks after views sees it.
+    stamp(mapNode, node)
     scene.AddNode(node)
     mapNode.AddNodeReferenceID(RESULT_ROLE, node.GetID())
     return node
+
+
+def hideOutdated(mapNode: ModelNode) -> None:
+    """Hide what is drawn on a map that has changed since, and show it again where the map is as it was."""
+    for node in drawnOnMap(mapNode):
+        if isCurrent(mapNode, node):
+            # Only what was hidden here is shown here: the user may have hidden more.
+            if node.GetAttribute(HIDDEN):
+                node.RemoveAttribute(HIDDEN)
+                node.SetDisplayVisibility(True)
+        elif node.GetDisplayNode() is not None and node.GetDisplayVisibility():
+            node.SetAttribute(HIDDEN, "1")
+            node.SetDisplayVisibility(False)
+
+
+def isCurrent(mapNode: ModelNode, result: slicer.vtkMRMLNode) -> bool:
+    """Whether a result is of the map as it is now."""
+    return result.GetAttribute(MADE_FOR) == (mapNode.GetAttribute(FINGERPRINT) or "")
+
+
+def hasOutdated(mapNode: ModelNode | None) -> bool:
+    """Whether something was measured on a map before it changed."""
+    return mapNode is not None and any(not isCurrent(mapNode, node) for node in resultsOf(mapNode))
+
+
+def stamp(mapNode: ModelNode, result: slicer.vtkMRMLNode) -> None:
+    """Say of which state of a map a result is."""
+    result.SetAttribute(MADE_FOR, mapNode.GetAttribute(FINGERPRINT) or "")
 
 
 def removeResults(mapNode: ModelNode, *kinds: str) -> None:
@@ -68,6 +101,7 @@ def tableResult(
     if node is None:
         node = addResult(mapNode, kind, "vtkMRMLTableNode", f"{mapNode.GetName()} {what}")
     fillTableNode(node, columns)
+    stamp(mapNode, node)
     return node
 
 

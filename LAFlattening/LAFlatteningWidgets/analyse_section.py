@@ -184,6 +184,11 @@ class AnalyseSection(Section):
         ):
             button.enabled = idle and not missing
             button.toolTip = missing or what
+        outdated = _("The map has changed since: what was measured before is outdated. Measure again.")
+        if self.logic.hasOutdated(p.map):
+            showMessage(self.ui.analyseMessage, outdated)
+        elif self.ui.analyseMessage.text == outdated:
+            showMessage(self.ui.analyseMessage, "")
         self.ui.clearButton.enabled = idle and self.logic.hasResults(p.map)
         chart = self.logic.gapChart(p.map)
         self.ui.gapChartButton.enabled = chart is not None

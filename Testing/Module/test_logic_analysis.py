@@ -13,7 +13,18 @@ from LAFlatteningScene.analysis_logic import ProjectionChoice, thresholdsFrom
 from LAFlatteningScene.class_colours import classColours
 from LAFlatteningScene.fibrosis_nodes import classArrayOf
 from LAFlatteningScene.result_nodes import KIND, ON_MAP, resultsOf
-from logic_case import POINTS, Clock, addArray, addAtrium, addTransform, array, phantom, points
+from logic_case import (
+    POINTS,
+    Clock,
+    addArray,
+    addAtrium,
+    addTransform,
+    array,
+    moveSeed,
+    phantom,
+    points,
+    seedPosition,
+)
 
 from LAFlatteningLib import (
     Cancelled,
@@ -381,6 +392,23 @@ class ResultsTest(AnalysisCase):
         self.assertEqual(slicer.mrmlScene.GetNumberOfNodes(), before)
         self.assertFalse(self.surface.GetPolyData().GetCellData().HasArray(classArrayOf("LGE")))
         self.assertTrue(self.surface.GetPolyData().GetPointData().HasArray("LGE"))
+
+    def test_outdatedWhereTheMapHasChanged(self):
+        self.logic.findGaps(self.map, "LGE", [120.0])
+        drawn = [node for node in resultsOf(self.map, "gap curve") if node.GetAttribute(ON_MAP)]
+        self.assertFalse(self.logic.hasOutdated(self.map))
+        before = seedPosition(self.seeds, "RSPV")
+        moveSeed(self.seeds, "RSPV", before + np.array([0.0, 1.0, 1.0]))
+        self.logic.preview(self.surface, self.seeds, self.map)
+        self.assertTrue(self.logic.hasOutdated(self.map))
+        self.assertEqual([node.GetName() for node in drawn if node.GetDisplayVisibility()], [])
+        self.logic.flatten(self.surface, self.seeds, self.map)
+        self.assertTrue(self.logic.hasOutdated(self.map))
+        self.assertFalse(any(node.GetDisplayVisibility() for node in drawn))
+        moveSeed(self.seeds, "RSPV", before)
+        self.logic.flatten(self.surface, self.seeds, self.map)
+        self.assertFalse(self.logic.hasOutdated(self.map))
+        self.assertTrue(all(node.GetDisplayVisibility() for node in drawn))
 
     def test_theyAreExported(self):
         self.measure()
