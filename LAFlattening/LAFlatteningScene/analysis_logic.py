@@ -243,6 +243,7 @@ class AnalysisLogic:
         surfaceNode = mapNode.GetNodeReference(SURFACE_ROLE)
         data.point_values(array)
         report(progress, 0.1, "Measuring blood")
+        drawn = [Parcellation.load(name) for name in parcellations]
         pool = self.bloodPool(surfaceNode, volumeNode, regionNode) if rule.needs_blood_pool else None
         report(progress, 0.4, "Measuring the wall")
         found = measure_fibrosis(
@@ -250,13 +251,13 @@ class AnalysisLogic:
             array,
             rule,
             pool,
-            parcels=parcels_of(data, parcellations),
+            parcels=parcels_of(data, drawn),
             unit=unit_of(array),
             # Where the array was made of this image, it is sampled again within the triangles.
             volume=worldVolume(volumeNode) if volumeNode is not None else None,
         )
         report(progress, 0.9, "Writing")
-        withParcels(mapNode, surfaceNode, data, [Parcellation.load(name) for name in parcellations])
+        withParcels(mapNode, surfaceNode, data, drawn)
         table = writeFibrosis(mapNode, surfaceNode, data, found)
         table.SetAttribute(BLOOD_POOL_TEXT, bloodPoolText(pool))
         if pool is not None:

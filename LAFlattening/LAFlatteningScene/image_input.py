@@ -11,6 +11,8 @@ from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 
 from LAFlatteningLib import InputFileError, Surface, Volume
 
+from .surface_nodes import transformed
+
 LPS_TO_RAS = np.array([-1.0, -1.0, 1.0])
 RIGID = 1e-6
 """A transform whose axes are off right angles and length 1 by no more than this is a rigid one."""
@@ -150,8 +152,6 @@ def addLabelVolume(node: slicer.vtkMRMLLabelMapVolumeNode, labels: Volume) -> No
 
 def _through(transform: vtk.vtkAbstractTransform, points: np.ndarray) -> np.ndarray:
     """Points (n, 3) moved by a transform."""
-    before, after = vtk.vtkPoints(), vtk.vtkPoints()
+    before = vtk.vtkPoints()
     before.SetData(numpy_to_vtk(np.ascontiguousarray(points, np.float64), deep=True))
-    after.SetDataTypeToDouble()
-    transform.TransformPoints(before, after)
-    return vtk_to_numpy(after.GetData()).copy()
+    return transformed(before, transform)

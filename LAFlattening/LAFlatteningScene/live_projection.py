@@ -12,11 +12,10 @@ from slicer.util import VTKObservationMixin
 from LAFlatteningLib import LAFlatteningError
 from LAFlatteningLib.projection import Projection
 
+from .throttle import Throttle
+
 if TYPE_CHECKING:
     from LAFlattening import LAFlatteningLogic, LAFlatteningParameterNode
-
-PAUSE = 60
-"""Milliseconds between two projections while a slider moves."""
 
 
 class LiveProjection(VTKObservationMixin):
@@ -31,8 +30,7 @@ class LiveProjection(VTKObservationMixin):
     ) -> None:
         super().__init__()
         self._logic, self._parameters = logic, parameterNode
-        self._scheduler, self._onProjected = scheduler, onProjected
-        self._waiting = self._again = self._stopped = False
+        self._throttle, self._onProjected = Throttle(scheduler), onProjected
         self._followed: tuple[slicer.vtkMRMLTransformableNode, ...] = ()
         self._done = self._state()
         self.addObserver(parameterNode, vtk.vtkCommand.ModifiedEvent, self._onChange)
@@ -40,7 +38,7 @@ class LiveProjection(VTKObservationMixin):
 
     def stop(self) -> None:
         """No longer follow; what was scheduled does not happen."""
-        self._stopped = True
+        self._throttle.cancel()
         self.removeObservers()
 
     def _state(self) -> tuple[object, ...]:
@@ -70,31 +68,19 @@ class LiveProjection(VTKObservationMixin):
 
     def _onChange(self, _caller: object = None, _event: object = None) -> None:
         self._follow()
-        if self._waiting:
-            self._again = True
-            return
-        self._project()
+        if self._state() != self._done:
+            self._throttle.request(self._project)
 
     def _project(self) -> None:
-        p, now = self._parameters, self._state()
-        if now == self._done:
-            return
-        self._done = now
+        p, self._done = self._parameters, self._state()
         if not p.projectLive or p.surface is None or p.volume is None:
             return
-        self._waiting, self._again = True, False
-        self._scheduler(PAUSE, self._onPause)
         try:
             found = self._logic.projectParameters(p)
         except LAFlatteningError as error:
             self._onProjected(None, str(error))
         else:
             self._onProjected(found, "\n".join(found.notes))
-
-    def _onPause(self) -> None:
-        self._waiting = False
-        if self._again and not self._stopped:
-            self._project()
 
 
 def _placement(node: slicer.vtkMRMLTransformableNode | None) -> tuple[object, ...] | None:

@@ -49,6 +49,11 @@ def toWorld(points: vtk.vtkPoints, node: slicer.vtkMRMLTransformableNode) -> np.
         return vtk_to_numpy(points.GetData()).astype(np.float64)
     transform = vtk.vtkGeneralTransform()
     slicer.vtkMRMLTransformNode.GetTransformBetweenNodes(parent, None, transform)
+    return transformed(points, transform)
+
+
+def transformed(points: vtk.vtkPoints, transform: vtk.vtkAbstractTransform) -> np.ndarray:
+    """Points moved by a transform, (n, 3): a copy."""
     moved = vtk.vtkPoints()
     moved.SetDataTypeToDouble()
     transform.TransformPoints(points, moved)
