@@ -15,12 +15,18 @@ _MEMORY = 8
 
 
 class Solver(Protocol):
-    """A matrix of as many rows, ready to be solved with: `solvers.Factorisation`, or several put together."""
-
-    size: int
+    """A matrix ready to be solved with: `solvers.Factorisation`, the same for both coordinates, or one for both."""
 
     def solve(self, right: FloatArray) -> FloatArray:
-        """The x with ``matrix @ x = right``."""
+        """For a right side (v, 2), the coordinates as columns."""
+
+
+class Descent(NamedTuple):
+    """Where steps ended, see `descend`."""
+
+    variables: FloatArray
+    taken: int
+    moved: float
 
 
 def descend(
@@ -31,7 +37,7 @@ def descend(
     steps: int,
     tolerance: float = 1e-4,
     still: float = 0.0,
-) -> tuple[FloatArray, int]:
+) -> Descent:
     """Lower a function by limited-memory quasi-Newton steps started from a preconditioner.
 
     Nocedal and Wright, Numerical Optimization, algorithm 7.4, with the preconditioner as initial inverse
@@ -51,6 +57,7 @@ def descend(
     -------
     variables : (v, 2).
     taken : number of steps.
+    moved : how far the last of them moved a point at most; infinite where it was shortened, or none was taken.
 
     Raises
     ------
@@ -60,7 +67,7 @@ def descend(
     if not np.isfinite(value):
         raise ValueError("The descent must start from a map without folded triangles.")
     history: deque[_Pair] = deque(maxlen=_MEMORY)
-    scale = 1.0
+    scale, moved = 1.0, np.inf
     for step in range(steps):
         direction = _two_loop(gradient, history, precondition, scale)
         slope = _dot(direction, gradient)
@@ -70,7 +77,7 @@ def descend(
             slope = _dot(direction, gradient)
         # Also where the numbers overflowed: NaN is not below 0.
         if not slope < 0.0:
-            return variables, step
+            return Descent(variables, step, moved)
         # Far from the minimum the model of the energy is poor: no point moves farther than a few triangles.
         length = min(1.0, reach / float(np.abs(direction).max()))
         while True:
@@ -80,26 +87,21 @@ def descend(
                 break
             length *= 0.5
             if not length * float(np.abs(direction).max()) >= 1e-9 * reach:
-                return variables, step
+                return Descent(variables, step, np.inf)
         s, y = trial - variables, new_gradient - gradient
         curvature = _dot(s, y)
         if curvature > 0.0:
             if not history:
                 # Nocedal and Wright, equation 7.20, in the metric of the preconditioner.
-                scale = curvature / _dot(y, solved(precondition, y))
+                scale = curvature / _dot(y, precondition.solve(y))
             history.append(_Pair(s, y, 1.0 / curvature))
-        small = value - new_value < tolerance * abs(value) or float(np.abs(s).max()) < still
+        farthest = float(np.abs(s).max())
+        moved = farthest if length == 1.0 else np.inf
+        small = value - new_value < tolerance * abs(value) or farthest < still
         variables, value, gradient = trial, new_value, new_gradient
         if small:
-            return variables, step + 1
-    return variables, steps
-
-
-def solved(precondition: Solver, right: FloatArray) -> FloatArray:
-    """For a right side (v, 2) and a matrix of v rows, for each coordinate, or of 2v rows."""
-    if precondition.size == len(right):
-        return precondition.solve(right)
-    return precondition.solve(right.reshape(-1)).reshape(-1, 2)
+            return Descent(variables, step + 1, moved)
+    return Descent(variables, steps, moved)
 
 
 def _dot(a: FloatArray, b: FloatArray) -> float:
@@ -116,13 +118,14 @@ class _Pair(NamedTuple):
 
 
 def _two_loop(gradient: FloatArray, history: deque[_Pair], precondition: Solver, scale: float) -> FloatArray:
-    direction = -gradient
+    direction, part = gradient.copy(order="K"), np.empty_like(gradient)
     factors = []
     for pair in reversed(history):
         factor = pair.inverse * _dot(pair.s, direction)
         factors.append(factor)
-        direction = direction - factor * pair.y
-    direction = scale * solved(precondition, direction)
+        direction -= np.multiply(pair.y, factor, out=part)
+    direction = precondition.solve(direction)
+    direction *= scale
     for pair, factor in zip(history, reversed(factors), strict=True):
-        direction = direction + (factor - pair.inverse * _dot(pair.y, direction)) * pair.s
-    return direction
+        direction += np.multiply(pair.s, factor - pair.inverse * _dot(pair.y, direction), out=part)
+    return np.negative(direction, out=direction)

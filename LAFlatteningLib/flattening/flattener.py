@@ -26,7 +26,7 @@ from .chords import flip_chords
 from .coarse import COARSE_POINTS, COARSE_STEPS, CoarseCopy, Start, coarsened
 from .flat_map import FlatMap
 from .preview import Preview, Previewer
-from .refinement import STEPS, lower_distortion
+from .refinement import Refinement
 from .template_preview import TemplatePreviewer
 from .untangling import fold_error, untangle
 
@@ -271,24 +271,28 @@ class Flattener:
         with watch.stage("division"):
             constraints = constraints_by_length(division, self.template)
         cut = division.surface
-        # Triangles that paths cut must not fold as a whole either: the map is theirs, too. Of a copy, only the pieces
-        # are used.
-        guarded = surface.triangles[(np.bincount(division.parent) > 1) & (not self._is_copy)]
-        triangles = np.concatenate([cut.triangles, guarded])
         fixed = np.zeros(len(cut.points), bool)
         fixed[constraints.rim_ids] = True
         loose = np.zeros_like(fixed)
         loose[constraints.path_ids] = True
+        placed = np.zeros((len(cut.points), 2))
+        placed[constraints.ids] = constraints.targets
+        # What the rims enclose does not depend on the points between them.
+        scale = float(np.sqrt(operators.signed_areas(placed, cut.triangles).sum() / cut.area))
         report(progress, 0.3, "Flattening")
         with watch.stage("coarse map"):
             carried = self._carried(surface, seeds, cut)
         for start in (carried, None) if carried is not None else (None,):
             with watch.stage("solve"):
-                flat, order = _with_constraints(cut, constraints, start)
+                refinement = Refinement(placed, cut, ~(fixed | loose), scale)
+                if start is None:
+                    flat, _ = harmonic(cut.laplacian, constraints.ids, constraints.targets)
+                else:
+                    flat = refinement.follow(start, placed)
             report(progress, 0.4, "Turning back folded triangles")
             with watch.stage("untangle"):
                 try:
-                    flat, freed = untangle(flat, triangles, cut.points, fixed, loose)
+                    flat, freed = untangle(flat, cut.triangles, cut.points, fixed, loose)
                 except FoldError:
                     if start is None:
                         raise
@@ -296,17 +300,21 @@ class Flattener:
             # The coarse map may pass an opening on the other side. (A copy's own map before does not.)
             if start is None or self._start is not None or not len(freed):
                 break
+        told = part(progress, 0.5, 1.0)
+        if self._is_copy:
+            with watch.stage("refine"):
+                return refinement.lower(flat, COARSE_STEPS, False, told), constraints, freed
         with watch.stage("refine"):
-            steps = COARSE_STEPS if self._is_copy else STEPS
-            flat = lower_distortion(
-                flat, cut, ~(fixed | loose), guarded, order, steps, not self._is_copy, part(progress, 0.6, 1.0)
-            )
+            flat = refinement.lower(flat, progress=told)
+            # Triangles that paths cut must not fold as a whole either: the map is theirs, too.
+            guarded = surface.triangles[np.bincount(division.parent) > 1]
+            flat, more = refinement.guard(flat, guarded, fixed, loose)
         # The promise of this method, checked on every map.
         for checked in (cut.triangles, guarded):
             left = folded_triangles(flat, checked)
             if len(left):
                 raise fold_error(cut.points, checked[left])
-        return flat, constraints, freed
+        return flat, constraints, np.union1d(freed, more)
 
     def _carried(self, surface: Surface, seeds: SnappedSeeds, cut: Surface) -> FloatArray | None:
         """The map to start from, or that of the coarse copy, at the points of the cut surface; None where there is
@@ -320,20 +328,6 @@ class Flattener:
             return self._coarse_copy(surface, outer_points).carried(seeds.positions, cut.points)
         except (SurfaceError, SeedError, FoldError):
             return None
-
-
-def _with_constraints(cut: Surface, constraints: Constraints, start: FloatArray | None) -> tuple[FloatArray, IntArray]:
-    """The harmonic map with its constraints; or a map plus the harmonic displacement that brings those points to
-    their places. And an order of elimination for the other points."""
-    targets = constraints.targets
-    if start is None:
-        flat, factorisation = harmonic(cut.laplacian, constraints.ids, targets)
-    else:
-        flat, factorisation = harmonic(cut.laplacian, constraints.ids, targets - start[constraints.ids])
-        flat += start
-        # To the last bit.
-        flat[constraints.ids] = targets
-    return flat, factorisation.order
 
 
 def flatten(

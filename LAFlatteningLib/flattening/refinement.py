@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from .. import operators
 from ..progress import ProgressCallback, part, report
+from ..solvers import Factorisation
 from ..surface import FloatArray, IntArray, Surface
-from .descent import Solver, descend, solved
-from .energy import PatchEnergy, rest_shapes
-from .parts import Blocks, movable_parts
-from .untangling import corner_matrix, neighbourhood
+from .descent import descend
+from .energy import GUARDED_FROM, PatchEnergy, rest_shapes
+from .parts import movable_parts
+from .untangling import corner_matrix, neighbourhood, untangle
 
 WORST = 10.0
 """Triangles with a larger dilatation than this (about) are relaxed first, by themselves."""
@@ -22,203 +23,234 @@ RINGS, WORST_STEPS = 4, (6, 6, 6)
 """Rings of triangles round them that move along, and quasi-Newton steps from preconditioner to preconditioner."""
 LEVELS = 6
 """Most times that the very worst, within a factor of ten, are relaxed before the others join them."""
-STEPS = (4, 8, 8)
+STEPS = (10, 8, 8)
 """Most quasi-Newton steps; the preconditioner is made anew, from the map as it is by then, between them."""
-FAR = 0.04
-"""The last of them only where those before moved a point by more than this share of the map's radius; elsewhere the
-Hessian is of use already."""
-HESSIANS, HESSIAN_STEPS = 2, 24
+FAR = 2e-3
+"""The last of them only where the last step moved a point by more than this share of the map's radius, or had to be
+shortened; elsewhere the Hessian is of use already."""
+HESSIANS, HESSIAN_STEPS = 3, 16
 """Then the Hessian takes the place of the preconditioner: so many of them at most, and steps with each."""
 MOST_FOR_HESSIAN = 250_000
 """Points up to which there are Hessians; their factors take four times the memory of the preconditioner's."""
 EXACT = 1e-8
 """With them, stop once a step moves no point by more than this share of the map's radius. (The next one would move
 none by more than a tenth of that.)"""
-NEAR = 1e-6
-"""Likewise for each of the parts that rims and paths cut the map into, before they are joined."""
 BY_PARTS = 5000
 """Maps of more movable points are lowered part by part: where one is hard, the others need not wait for it."""
 LAST_STEPS = 40
 """Most quasi-Newton steps where that does not end."""
-GUARD = 1e-2
-"""Weight of the triangles that are only guarded against folding, whose area the others count already."""
 STILL = 2e-4
 """Of these, stop once one moves no point by more than this share of the map's radius. (Before, steps may be short
 because a triangle is all but folded.)"""
 
 
-def lower_distortion(
-    flat: FloatArray,
-    surface: Surface,
-    movable: NDArray[np.bool_],
-    guarded: IntArray | None = None,
-    order: IntArray | None = None,
-    most: Sequence[int] = STEPS,
-    finish: bool = True,
-    progress: ProgressCallback | None = None,
-) -> FloatArray:
-    """The map with less change of angles and areas, and still without folds.
+class Refinement:
+    """Lowers the distortion of maps of one surface with the same points held.
 
     Minimises `energy.PatchEnergy.distortion`, each triangle weighted by its area on the
     surface, so that the minimum does not depend on how finely the surface is meshed.
 
     Parameters
     ----------
-    flat : (n, 2) map without folded triangles.
+    flat : (n, 2) any map, from which the points that are held are taken at first.
+    surface : in 3D.
     movable : (n,) points that may move; the others stay exactly where they are.
-    guarded : (g, 3) more triangles that must not fold, beside those of the surface.
-    order : order of elimination for the movable points, if one is known (`solvers.Factorisation.order`).
-    most : see `STEPS`.
-    finish : whether to go on to the minimum.
-    progress : told the share done.
+    scale : map units per mm, of the whole map.
     """
-    areas = surface.triangle_areas
-    guarded = np.zeros((0, 3), np.int64) if guarded is None else guarded
-    triangles = np.concatenate([surface.triangles, guarded])
-    scale = float(np.sqrt(operators.triangle_areas(flat, surface.triangles).sum() / areas.sum()))
-    rest = rest_shapes(surface.points, triangles, scale)
-    weights = np.concatenate([areas, operators.triangle_areas(surface.points, guarded)]) / areas.mean()
-    even = weights.copy()
-    weights[len(areas) :] *= GUARD
-    energy = PatchEnergy(flat, triangles, rest, movable, weights, len(guarded), surface.edges, order)
-    flat = _relax_worst(flat, energy, triangles, rest, even, movable, WORST_STEPS if finish else WORST_STEPS[:1])
-    radius = 0.5 * float(np.ptp(flat, axis=0).max())
-    # Not of small meshes, where a step costs the same for few points as for all.
-    groups = movable_parts(surface.triangles, movable) if finish and len(energy.ids) > BY_PARTS else []
-    if len(groups) < 2:
-        lowered = _lower(energy, flat[energy.ids], radius, EXACT * radius, most, finish, progress)
-        flat[energy.ids] = lowered.variables
-        return flat
-    numbers, solvers, exact = [], [], True
-    for k, group in enumerate(groups):
-        told = part(progress, k / (len(groups) + 1), (k + 1) / (len(groups) + 1))
-        number = np.flatnonzero(group[energy.ids])
-        near = group[triangles].any(axis=1)
-        # In the order in which the whole has them.
-        own_order = None if order is None else np.argsort(np.argsort(energy.ids[number]))
-        own = PatchEnergy(
-            flat, triangles[near], rest[near], group, weights[near], int(near[len(areas) :].sum()), None, own_order
+
+    def __init__(self, flat: FloatArray, surface: Surface, movable: NDArray[np.bool_], scale: float) -> None:
+        areas = surface.triangle_areas
+        self._surface, self._movable, self._scale = surface, movable, scale
+        self._rest, self._weights = rest_shapes(surface.points, surface.triangles, scale), areas / areas.mean()
+        # Not of small meshes, where a step costs the same for few points as for all.
+        groups = movable_parts(surface.edges.points, movable) if movable.sum() > BY_PARTS else [movable]
+        self._parts = [self._part(flat, group) for group in groups]
+
+    def _part(self, flat: FloatArray, group: NDArray[np.bool_]) -> _Part:
+        surface = self._surface
+        near = np.flatnonzero(group[surface.triangles].any(axis=1))
+        triangles, rest, weights = surface.triangles[near], self._rest[near], self._weights[near]
+        energy = PatchEnergy(flat, triangles, rest, group, weights, mesh_edges=surface.edges.of_triangle[near])
+        return _Part(energy, triangles, rest, weights)
+
+    def follow(self, flat: FloatArray, placed: FloatArray) -> FloatArray:
+        """A map (n, 2) with the points that are held where `placed` (n, 2) has them, and the others moved along.
+
+        It may have folds.
+        """
+        result = placed.copy()
+        for one in self._parts:
+            energy = one.energy
+            energy.hold(flat)
+            result[energy.ids], one.solver = energy.follow(np.asfortranarray(flat[energy.ids]), placed)
+        return result
+
+    def lower(
+        self,
+        flat: FloatArray,
+        most: Sequence[int] = STEPS,
+        finish: bool = True,
+        progress: ProgressCallback | None = None,
+    ) -> FloatArray:
+        """The map with less change of angles and areas, and still without folds.
+
+        Parameters
+        ----------
+        flat : (n, 2) map without folded triangles.
+        most : see `STEPS`.
+        finish : whether to go on to the minimum.
+        progress : told the share done.
+        """
+        result, worst = flat.copy(), WORST_STEPS if finish else WORST_STEPS[:1]
+        for k, one in enumerate(self._parts):
+            told = part(progress, k / len(self._parts), (k + 1) / len(self._parts))
+            one.energy.hold(flat)
+            relaxed = self._relax_worst(flat, one, worst)
+            result[one.energy.ids] = _lower(one.energy, relaxed, one.solver, _radius(flat), most, finish, told)
+        return result
+
+    def guard(
+        self, flat: FloatArray, guarded: IntArray, fixed: NDArray[np.bool_], loose: NDArray[np.bool_]
+    ) -> tuple[FloatArray, IntArray]:
+        """The map with more triangles (g, 3) kept from folding, and from being all but folded, where they are.
+
+        Points near them move to where the distortion of all is least; elsewhere the map stays as it is.
+
+        Returns
+        -------
+        flat, freed : see `untangling.untangle`, also for `fixed` and `loose`.
+
+        Raises
+        ------
+        FoldError : if folds remain.
+        """
+        points = self._surface.points
+        triangles = np.concatenate([self._surface.triangles, guarded])
+        rest = np.concatenate([self._rest, rest_shapes(points, guarded, self._scale)])
+        new = slice(len(self._weights), None)
+        energy = PatchEnergy(flat, guarded, rest[new], np.zeros(len(flat), bool))
+        bad = energy.determinants(energy.start()) <= 0.0
+        close = bad | (energy.mips(energy.start()) > GUARDED_FROM)
+        if not close.any():
+            return flat, np.zeros(0, np.int64)
+        untangled, freed = (
+            untangle(flat, triangles, points, fixed, loose) if bad.any() else (flat, np.zeros(0, np.int64))
         )
-        lowered = _lower(own, own.start(), radius, NEAR * radius, most, finish, told)
-        flat[own.ids] = lowered.variables
-        numbers.append(number)
-        solvers.append(lowered.solver)
-        exact &= len(number) <= MOST_FOR_HESSIAN
-    # Of the parts, only the triangles that are guarded know of each other.
-    report(progress, len(groups) / (len(groups) + 1), "Lowering the distortion")
-    flat[energy.ids] = _join(energy, flat[energy.ids], Blocks(numbers, solvers), exact, radius)
-    return flat
+        near = neighbourhood(corner_matrix(triangles, len(flat)), len(self._weights) + np.flatnonzero(close), RINGS)
+        near = self._movable & (near | (untangled != flat).any(axis=1))
+        if not near.any():
+            return untangled, freed
+        areas = operators.triangle_areas(points, guarded) / self._surface.triangle_areas.mean()
+        weights = np.concatenate([self._weights, areas])
+        used = near[triangles].any(axis=1)
+        patch = PatchEnergy(untangled, triangles[used], rest[used], near, weights[used], int(used[new].sum()))
+        result = untangled.copy()
+        result[patch.ids] = _lower(patch, patch.start(), None, _radius(flat), STEPS, True, None)
+        return result, freed
+
+    def _relax_worst(self, flat: FloatArray, one: _Part, most: Sequence[int]) -> FloatArray:
+        """The variables of a part with the places where triangles are all but folded relaxed.
+
+        A few such triangles, left where folds were turned back, would keep every step of the whole map short. The very
+        worst come first, by themselves, or they would do the same in their patches.
+        """
+        ids, corner, result = one.energy.ids, None, flat
+        for level in range(LEVELS + 1):
+            mips = one.energy.mips(result[ids])
+            last = level == LEVELS or mips.max() < 2.0 * WORST
+            worst = np.flatnonzero(mips > max(0.5 * WORST, 0.0 if last else 0.1 * mips.max()))
+            if not len(worst):
+                break
+            if corner is None:
+                corner, result = corner_matrix(one.triangles, len(flat)), flat.copy()
+            near = neighbourhood(corner, worst, RINGS) & self._movable
+            used = near[one.triangles].any(axis=1)
+            if not used.any():
+                break
+            patch = PatchEnergy(result, one.triangles[used], one.rest[used], near, one.weights[used])
+            variables = patch.start()
+            for steps in most:
+                preconditioner = patch.preconditioner(variables)
+                variables = descend(patch.distortion, variables, patch.reach, preconditioner, steps, 0.0).variables
+            result[patch.ids] = variables
+            if last:
+                break
+        return np.asfortranarray(result[ids])
 
 
-class _Lowered(NamedTuple):
-    """Variables (v, 2), the solver that they came there with, and whether they have come to the minimum."""
+class _Part:
+    """Some of the points, the triangles at them, and a preconditioner if one is there."""
 
-    variables: FloatArray
-    solver: Solver
-    settled: bool
+    def __init__(self, energy: PatchEnergy, triangles: IntArray, rest: FloatArray, weights: FloatArray) -> None:
+        self.energy, self.triangles, self.rest, self.weights = energy, triangles, rest, weights
+        self.solver: Factorisation | None = None
+
+
+def lower_distortion(flat: FloatArray, surface: Surface, movable: NDArray[np.bool_]) -> FloatArray:
+    """A map (n, 2) without folds with as little change of angles and areas as can be; see `Refinement`."""
+    scale = float(np.sqrt(operators.triangle_areas(flat, surface.triangles).sum() / surface.area))
+    return Refinement(flat, surface, movable, scale).lower(flat)
+
+
+def _radius(flat: FloatArray) -> float:
+    return 0.5 * float(np.ptp(flat, axis=0).max())
 
 
 def _lower(
     energy: PatchEnergy,
     variables: FloatArray,
+    solver: Factorisation | None,
     radius: float,
-    still: float,
     most: Sequence[int],
     finish: bool,
     progress: ProgressCallback | None,
-) -> _Lowered:
-    """Steps with the approximation, and with the Hessian until one moves no point by more than `still`."""
-    rounds, moved = len(most) + 2, np.inf
+) -> FloatArray:
+    """Steps with the approximation, from one that is there on, and with the Hessian until they end."""
+    rounds = len(most) + 2
     for number, steps in enumerate(most):
         report(progress, number / rounds, "Lowering the distortion")
-        if finish and number + 1 == len(most) and moved <= FAR * radius:
+        if number or solver is None:
+            solver = energy.preconditioner(variables)
+        variables, _, moved = descend(energy.distortion, variables, energy.reach, solver, steps, tolerance=0.0)
+        if finish and moved <= FAR * radius:
             break
-        solver, before = energy.preconditioner(variables), variables
-        variables, _ = descend(energy.distortion, variables, energy.reach, solver, steps, tolerance=0.0)
-        moved = float(np.abs(variables - before).max())
     report(progress, len(most) / rounds, "Lowering the distortion")
-    return _finish(energy, variables, radius, still) if finish else _Lowered(variables, solver, False)
-
-
-def _join(energy: PatchEnergy, variables: FloatArray, blocks: Blocks, exact: bool, radius: float) -> FloatArray:
-    """The minimum, from the minima of the parts."""
-    still = (EXACT if exact else STILL) * radius
-    variables, _ = descend(energy.distortion, variables, energy.reach, blocks, LAST_STEPS, tolerance=0.0, still=still)
-    if exact and np.abs(blocks.solve(energy.distortion(variables)[1])).max() >= 10.0 * still:
-        return _finish(energy, variables, radius, still).variables
+    if not finish:
+        return variables
+    assert solver is not None
+    small = len(variables) <= MOST_FOR_HESSIAN
+    settled = False
+    if small:
+        variables, settled = _by_hessians(energy, variables, solver.order, EXACT * radius)
+    if not settled:
+        # Too far from the minimum as yet, or a mesh too large for the memory that Hessians take.
+        solver = energy.preconditioner(variables)
+        still = STILL * radius
+        variables, *_ = descend(energy.distortion, variables, energy.reach, solver, LAST_STEPS, 0.0, still)
+        if small:
+            variables, _ = _by_hessians(energy, variables, solver.order, EXACT * radius)
     return variables
 
 
-def _finish(energy: PatchEnergy, variables: FloatArray, radius: float, still: float) -> _Lowered:
-    """The minimum, from a place near it."""
-    small = len(variables) <= MOST_FOR_HESSIAN
-    if small:
-        lowered = _by_hessians(energy, variables, still)
-        if lowered is not None and lowered.settled:
-            return lowered
-        variables = variables if lowered is None else lowered.variables
-    # Too far from the minimum as yet, or a mesh too large for the memory that Hessians take.
-    solver = energy.preconditioner(variables)
-    variables, _ = descend(
-        energy.distortion, variables, energy.reach, solver, LAST_STEPS, tolerance=0.0, still=STILL * radius
-    )
-    lowered = _by_hessians(energy, variables, still) if small else None
-    return _Lowered(variables, solver, False) if lowered is None else lowered
+class _Settled(NamedTuple):
+    """Variables (v, 2), and whether they have come to the minimum."""
+
+    variables: FloatArray
+    settled: bool
 
 
-def _by_hessians(energy: PatchEnergy, variables: FloatArray, still: float) -> _Lowered | None:
-    """Steps with the Hessian; None where it is singular."""
-    lowered = None
+def _by_hessians(energy: PatchEnergy, variables: FloatArray, order: IntArray, still: float) -> _Settled:
+    """Steps with the Hessian until one moves no point by more than `still`, as far as it is of use."""
     for _ in range(HESSIANS):
         try:
-            hessian = energy.hessian(variables)
+            hessian = energy.hessian(variables, order)
         except np.linalg.LinAlgError:
             break
-        variables, taken = descend(
+        variables, taken, _ = descend(
             energy.distortion, variables, energy.reach, hessian, HESSIAN_STEPS, tolerance=0.0, still=still
         )
-        lowered = _Lowered(variables, hessian, False)
         if taken < HESSIAN_STEPS:
             # Steps may also end because the Hessian, not positive definite yet, is of no use.
-            left = solved(hessian, energy.distortion(variables)[1])
-            return _Lowered(variables, hessian, bool(np.abs(left).max() < still))
-    return lowered
-
-
-def _relax_worst(
-    flat: FloatArray,
-    whole: PatchEnergy,
-    triangles: IntArray,
-    rest: FloatArray,
-    areas: FloatArray,
-    movable: NDArray[np.bool_],
-    most: Sequence[int],
-) -> FloatArray:
-    """The map with the places where triangles are all but folded relaxed.
-
-    A few such triangles, left where folds were turned back, would keep every step of the whole map short. The very
-    worst come first, by themselves, or they would do the same in their patches.
-    """
-    corner = None
-    result = flat.copy()
-    for level in range(LEVELS + 1):
-        mips = whole.mips(result[whole.ids])
-        last = level == LEVELS or mips.max() < 2.0 * WORST
-        worst = np.flatnonzero(mips > max(0.5 * WORST, 0.0 if last else 0.1 * mips.max()))
-        if not len(worst):
-            break
-        if corner is None:
-            corner = corner_matrix(triangles, len(flat))
-        near = neighbourhood(corner, worst, RINGS)
-        used = (near & movable)[triangles].any(axis=1)
-        if not used.any():
-            break
-        patch = PatchEnergy(result, triangles[used], rest[used], near & movable, areas[used] / areas[used].mean())
-        variables = patch.start()
-        for steps in most:
-            preconditioner = patch.preconditioner(variables)
-            variables, _ = descend(patch.distortion, variables, patch.reach, preconditioner, steps, tolerance=0.0)
-        result[patch.ids] = variables
-        if last:
-            break
-    return result
+            left = hessian.solve(energy.distortion(variables)[1])
+            return _Settled(variables, bool(np.abs(left).max() < still))
+    return _Settled(variables, False)

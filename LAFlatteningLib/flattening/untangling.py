@@ -134,7 +134,7 @@ def _relax(
     stuck = 0
     for _ in range(ROUNDS):
         eps = float(np.sqrt(1e-9 + 0.04 * min(lowest, 0.0) ** 2))
-        variables, steps = descend(partial(energy.untangling, eps=eps), variables, energy.reach, precondition, STEPS)
+        variables, steps, _ = descend(partial(energy.untangling, eps=eps), variables, energy.reach, precondition, STEPS)
         before, lowest = lowest, float(energy.determinants(variables).min())
         stuck = stuck + 1 if before < 0 and lowest < before + 1e-3 * abs(before) else 0
         # Settled: done, or the rim of the patch is in the way and a larger patch must be tried.

@@ -456,12 +456,13 @@ def test_a_fold_left_over_is_an_error_not_a_map(phantom, monkeypatch):
     import LAFlatteningLib.flattening.flattener as module
     from LAFlatteningLib.errors import FoldError
 
-    def folding(flat, *_):
+    def folding(self, flat, *_, **__):
         worse = flat.copy()
         worse[np.argmin(np.linalg.norm(flat, axis=1))] += 0.2
         return worse
 
-    monkeypatch.setattr(module, "lower_distortion", folding)
+    monkeypatch.setattr(module.Refinement, "lower", folding)
+    monkeypatch.setattr(module.Refinement, "guard", lambda self, flat, *_: (flat, np.zeros(0, np.int64)))
     with pytest.raises(FoldError, match=r"stay folded on the map; the first is at .* mm") as caught:
         flatten(phantom.surface, phantom.seeds)
     assert caught.value.points

@@ -1,14 +1,14 @@
 """The map lowered part by part is the map lowered as a whole."""
 
+import meshes
 import numpy as np
 import pytest
-from scipy import sparse
 
-from LAFlatteningLib import flatten
+from LAFlatteningLib import flatten, operators
 from LAFlatteningLib.division import label_regions
 from LAFlatteningLib.flattening import refinement
-from LAFlatteningLib.flattening.parts import Blocks, movable_parts
-from LAFlatteningLib.solvers import Factorisation
+from LAFlatteningLib.flattening.parts import movable_parts
+from LAFlatteningLib.solvers import harmonic
 
 
 def test_parts_are_what_no_triangle_joins(phantom_map, monkeypatch):
@@ -18,7 +18,7 @@ def test_parts_are_what_no_triangle_joins(phantom_map, monkeypatch):
     triangles = division.surface.triangles
     movable = np.ones(len(division.surface.points), bool)
     movable[phantom_map.constraints.ids] = False
-    parts = movable_parts(triangles, movable)
+    parts = movable_parts(division.surface.edges.points, movable)
     assert (np.sum(parts, axis=0) == movable).all()
     corners = movable[triangles]
     number = np.full(len(movable), -1)
@@ -35,24 +35,11 @@ def test_parts_are_what_no_triangle_joins(phantom_map, monkeypatch):
 
 
 def test_small_parts_are_put_together():
-    # Two triangles far apart: a point each may move.
-    triangles = np.array([[0, 1, 2], [3, 4, 5]])
-    movable = np.array([True, False, False, True, False, False])
-    (only,) = movable_parts(triangles, movable)
+    # Two edges far apart: a point of each may move.
+    edges = np.array([[0, 1], [2, 3]])
+    movable = np.array([True, False, True, False])
+    (only,) = movable_parts(edges, movable)
     assert (only == movable).all()
-
-
-def test_blocks_solve_what_the_whole_matrix_does():
-    rng = np.random.default_rng(0)
-    small = [np.eye(3) * 4 + np.ones((3, 3)), np.eye(4) * 2 + np.ones((4, 4))]
-    numbers = [np.array([0, 3, 5]), np.array([1, 2, 4, 6])]
-    whole = np.zeros((7, 7))
-    for ids, block in zip(numbers, small, strict=True):
-        whole[np.ix_(ids, ids)] = block
-    right = rng.standard_normal((7, 2))
-    blocks = Blocks(numbers, [Factorisation(sparse.csc_matrix(block)) for block in small])
-    assert blocks.size == 7
-    np.testing.assert_allclose(blocks.solve(right), np.linalg.solve(whole, right), atol=1e-12)
 
 
 @pytest.mark.parametrize("hessians", [True, False])
@@ -67,3 +54,39 @@ def test_part_by_part_is_the_minimum_of_the_whole(phantom, monkeypatch, hessians
     # Both end once a step of the exact Hessian is below 1e-8, of the approximation below 2e-4.
     assert 0.0 < apart < (1e-7 if hessians else 2e-3)
     assert not len(by_parts.folded_triangles)
+
+
+def test_guarded_triangles_are_unfolded_and_the_rest_is_left_alone():
+    """A ring whose rims are turned against each other: triangles of three points far apart fold over, those of the mesh
+    do not."""
+    surface = meshes.annulus(20.0, 50.0, 24, 120)
+    held = np.zeros(len(surface.points), bool)
+    held[np.concatenate(surface.boundary_loops)] = True
+    placed = surface.points[:, :2].copy()
+    inner, turn = held & (np.linalg.norm(placed, axis=1) < 30.0), -0.6
+    placed[inner] = placed[inner] @ np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]).T
+    shear = refinement.Refinement(placed, surface, ~held, 1.0)
+    flat, _ = harmonic(surface.laplacian, np.flatnonzero(held), placed[held])
+    flat = shear.lower(flat)
+    # Narrow ones across the ring, near its side of positive x.
+    at = surface.points[:, :2]
+    radius, side = np.linalg.norm(at, axis=1), np.abs(np.arctan2(at[:, 1], at[:, 0])) < 0.15
+    rings = [np.flatnonzero(side & (np.abs(radius - r) < 0.7)) for r in (23.0, 36.0, 28.0)]
+    triples = np.stack(np.meshgrid(*rings), axis=-1).reshape(-1, 3)
+    narrow = (operators.signed_areas(at, triples) > 0.5) & (operators.signed_areas(flat, triples) < 0.0)
+    guarded = triples[narrow][:2]
+    assert (operators.signed_areas(at, guarded) > 0).all()
+    assert len(guarded) == 2
+    loose = np.zeros_like(held)
+    mended, freed = shear.guard(flat, guarded, held, loose)
+    assert not len(freed)
+    assert operators.signed_areas(mended, guarded).min() > 0.0
+    assert operators.signed_areas(mended, surface.triangles).min() > 0.0
+    moved = (mended != flat).any(axis=1)
+    assert moved.any() and not moved[held].any()
+    assert np.linalg.norm(at[moved] - [28.0, 0.0], axis=1).max() < 20.0
+    # Nothing to do a second time, for none is all but folded.
+    again, _ = shear.guard(mended, guarded, held, loose)
+    assert np.abs(again - mended).max() < 0.05
+    untouched, _ = shear.guard(flat, surface.triangles[:5], held, loose)
+    assert untouched is flat
