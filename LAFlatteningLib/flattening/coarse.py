@@ -115,9 +115,15 @@ class CoarseCopy:
         ------
         SurfaceError, SeedError, FoldError : see `flatten`.
         """
-        coarse = self.flatten(seeds)
-        beyond = self.carrier.locate(points[len(self.surface.points) :])[0]
-        return _carried(coarse, np.concatenate([self.carrier.triangle, beyond]), points)
+        coarse, n = self.flatten(seeds), len(self.surface.points)
+        flat = np.empty((len(points), 2))
+        flat[:n] = self.carrier(coarse.points)
+        # Where paths cut the copy, it bends within its triangles.
+        triangle = np.concatenate([self.carrier.triangle, self.carrier.locate(points[n:])[0]])
+        cut = np.flatnonzero(np.bincount(coarse.division.parent, minlength=len(coarse.triangles))[triangle] > 1)
+        cut = np.union1d(cut, np.arange(n, len(points)))
+        flat[cut] = _carried(coarse, triangle[cut], points[cut])
+        return flat
 
     def _places(self, coarse: FlatMap, points: FloatArray) -> FloatArray:
         """Where a map of the copy has the points of the copy and others on it, (k, 2)."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..surface import FloatArray
 
-_MEMORY = 8
+_MEMORY = 5
 """Pairs of steps that the quasi-Newton method remembers."""
 
 

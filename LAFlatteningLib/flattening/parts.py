@@ -13,8 +13,8 @@ SMALLEST = 200
 """Parts of fewer points (pockets between a path and a rim) are put together: a part costs some milliseconds."""
 
 
-def movable_parts(edges: IntArray, movable: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
-    """The points that may move, in groups that no edge joins, the largest first.
+def movable_parts(edges: IntArray, movable: NDArray[np.bool_]) -> IntArray:
+    """The points that may move, in groups that no edge joins.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ def movable_parts(edges: IntArray, movable: NDArray[np.bool_]) -> list[NDArray[n
 
     Returns
     -------
-    parts : (n,) each; every movable point is in one of them.
+    part : (n,) number of the group, 0 the largest; -1 for points that do not move.
     """
     n = len(movable)
     one, two = np.ascontiguousarray(edges.T)
@@ -34,4 +34,6 @@ def movable_parts(edges: IntArray, movable: NDArray[np.bool_]) -> list[NDArray[n
     size = np.bincount(group[movable], minlength=rest)
     group = np.where(size[group] < SMALLEST, rest, group)
     size = np.bincount(group[movable], minlength=rest + 1)
-    return [movable & (group == number) for number in np.argsort(-size, kind="stable") if size[number]]
+    number = np.empty(rest + 1, np.int64)
+    number[np.argsort(-size, kind="stable")] = np.arange(rest + 1)
+    return np.where(movable, number[group], -1)

@@ -63,12 +63,17 @@ class Refinement:
         self._surface, self._movable, self._scale = surface, movable, scale
         self._rest, self._weights = rest_shapes(surface.points, surface.triangles, scale), areas / areas.mean()
         # Not of small meshes, where a step costs the same for few points as for all.
-        groups = movable_parts(surface.edges.points, movable) if movable.sum() > BY_PARTS else [movable]
-        self._parts = [self._part(flat, group) for group in groups]
+        apart = movable.sum() > BY_PARTS
+        part_of = movable_parts(surface.edges.points, movable) if apart else np.where(movable, 0, -1)
+        # All corners of a triangle that move are in one part.
+        of_triangle = np.max([part_of.take(corner) for corner in np.ascontiguousarray(surface.triangles.T)], axis=0)
+        self._parts = [
+            self._part(flat, part_of == number, np.flatnonzero(of_triangle == number))
+            for number in range(int(part_of.max()) + 1)
+        ]
 
-    def _part(self, flat: FloatArray, group: NDArray[np.bool_]) -> _Part:
+    def _part(self, flat: FloatArray, group: NDArray[np.bool_], near: IntArray) -> _Part:
         surface = self._surface
-        near = np.flatnonzero(group[surface.triangles].any(axis=1))
         triangles, rest, weights = surface.triangles[near], self._rest[near], self._weights[near]
         energy = PatchEnergy(flat, triangles, rest, group, weights, mesh_edges=surface.edges.of_triangle[near])
         return _Part(energy, triangles, rest, weights)
