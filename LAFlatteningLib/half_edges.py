@@ -218,6 +218,11 @@ def after(h: int) -> int:
     return h + 1 if h % 3 < 2 else h - 2
 
 
+def following(half_edges: IntArray) -> IntArray:
+    """`after` of many."""
+    return half_edges + np.where(half_edges % 3 < 2, 1, -2)
+
+
 def corner_angles(points: FloatArray, triangles: IntArray) -> FloatArray:
     """(3m,) angle at each corner, radians, in the order of the half-edges that start there."""
     return np.arctan2(1.0, operators.cotangents(points, triangles)).reshape(-1)
