@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .half_edges import HalfEdges, before, following
+from .half_edges import HalfEdges, before
 from .surface import FloatArray, IntArray
 
 ComplexArray = NDArray[np.complex128]
@@ -119,9 +119,9 @@ def _trim(mesh: HalfEdges, start: Place, stop: Place, strip: list[int]) -> list[
     """The strip without its turns round a point at which the line itself starts or ends."""
     first, last = _point_of(mesh, start), _point_of(mesh, stop)
     begin, end = 0, len(strip)
-    while begin < end and first in (mesh.origin[strip[begin]], mesh.end(strip[begin])):
+    while begin < end and mesh.touches(strip[begin], first):
         begin += 1
-    while end > begin and last in (mesh.origin[strip[end - 1]], mesh.end(strip[end - 1])):
+    while end > begin and mesh.touches(strip[end - 1], last):
         end -= 1
     return strip[begin:end]
 
@@ -192,30 +192,30 @@ def _unfold(
     """The strip laid in the plane: left and right end of each half-edge crossed, whether the next one keeps the right
     end (or else the left one), start and end.
 
-    The first half-edge leads from 0 to its length.
+    The first half-edge leads from 0 to 1.
     """
     crossed = np.array(strip)
     twins = mesh.twin[crossed]
-    apex = mesh.apex(np.append(twins, strip[0]))
-    beyond = 1.0 - apex[:-1]
     # In the frame of a half-edge that leads from 0 to 1, the triangle behind it ends at `beyond`. The next half-edge
     # leads from 0 to there, or from there to 1.
-    keeps_right = crossed[1:] == following(twins[:-1])
-    factor = np.where(keeps_right, beyond[:-1], apex[:-2])
-    length = float(np.linalg.norm(np.subtract(*mesh.points[mesh.ends(strip[:1])[0]])))
-    across = np.cumprod(np.concatenate([[length + 0j], factor]))
-    right = np.concatenate([[0j], np.cumsum(np.where(keeps_right, 0j, across[:-1] * beyond[:-1]))])
+    beyond = 1.0 - mesh.apexes[twins]
+    keeps_right = (crossed[1:] - twins[:-1]) % 3 == 1
+    left, right = np.empty((2, len(strip)), np.complex128)
+    left[0], right[0] = 1.0, 0.0
+    left[1:] = np.where(keeps_right, beyond[:-1], 1.0 - beyond[:-1])
+    across = np.cumprod(left)
+    right[1:] = np.cumsum(np.where(keeps_right, 0.0, across[:-1] * beyond[:-1]))
     left = right + across
 
-    def corners(h: int, end: int, third: complex) -> dict[int, complex]:
+    def corners(h: int, portal: int, third: complex) -> dict[int, complex]:
         return {
-            int(mesh.origin[h]): complex(right[end]),
-            mesh.end(h): complex(left[end]),
-            int(mesh.origin[before(h if end == 0 else int(twins[end]))]): third,
+            int(mesh.origin[strip[portal]]): complex(right[portal]),
+            mesh.end(strip[portal]): complex(left[portal]),
+            int(mesh.origin[before(h)]): complex(right[portal] + third * across[portal]),
         }
 
-    first = corners(strip[0], 0, complex(length * apex[-1]))
-    last = corners(strip[-1], -1, complex(right[-1] + across[-1] * beyond[-1]))
+    first = corners(strip[0], 0, mesh.apexes[strip[0]])
+    last = corners(int(twins[-1]), -1, beyond[-1])
     return left, right, keeps_right, _where(mesh, start, first), _where(mesh, stop, last)
 
 
@@ -286,18 +286,17 @@ def _funnel(
 
 def _lead_round(mesh: HalfEdges, strip: list[int], string: _String) -> list[int] | None:
     """The strip led round the other side of every point where that is shorter; None if there is none."""
-    ends = mesh.ends(strip).tolist()
     result = strip
     free = len(strip)
     for k, (portal, left) in reversed(list(enumerate(string.corners))):
-        point = ends[portal][left]
+        point = mesh.end(strip[portal]) if left else int(mesh.origin[strip[portal]])
         # On the outside of the turn the line sees pi + turn; it can be shortened if less than pi is left inside.
         if mesh.angles[point] - string.turn(k) >= 2.0 * np.pi - 1e-9:
             continue
         begin = end = portal
-        while begin > 0 and point in ends[begin - 1]:
+        while begin > 0 and mesh.touches(strip[begin - 1], point):
             begin -= 1
-        while end + 1 < len(strip) and point in ends[end + 1]:
+        while end + 1 < len(strip) and mesh.touches(strip[end + 1], point):
             end += 1
         if end >= free:
             continue

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from .cavity.openings import Cavity
 from .geodesic_lines import Line, Place, make_line, straighten
 from .geodesics import PathTree
-from .half_edges import HalfEdges, corner_angles
+from .half_edges import HalfEdges, apexes, corner_angles
 from .insertion import meeting
 from .seed_paths import Walk
 from .seeds import SnappedSeeds
@@ -59,19 +59,29 @@ class WaysAcrossOstia:
         n, m = len(surface.points), len(surface.triangles)
         self._fans = [np.stack([np.full(len(rim), n + k), np.roll(rim, -1), rim], axis=1) for k, rim in self._rims()]
         triangles = np.concatenate([surface.triangles, *self._fans])
-        self._origin = np.ascontiguousarray(triangles).reshape(-1)
         # Half-edge 1 of a cone's triangle lies on the rim, 0 and 2 on its neighbours in the cone.
-        self._twin = np.concatenate([self.mesh.twin, np.full(3 * sum(map(len, self._fans)), -1)])
-        self._joined: list[tuple[IntArray, IntArray]] = []
-        self._first = np.concatenate([self.mesh.first, np.zeros(len(cavity.rims), np.int64)])
+        twin = np.concatenate([self.mesh.twin, np.full(3 * sum(map(len, self._fans)), -1)])
+        first = np.concatenate([self.mesh.first, np.zeros(len(cavity.rims), np.int64)])
+        self._joined: list[IntArray] = []
+        self._cones: list[slice] = []
         start = 3 * m
         for (hole, rim), fan in zip(self._rims(), self._fans, strict=True):
             own = start + 3 * np.arange(len(fan))
-            self._joined.append((self.mesh.first[rim], own + 1))
-            self._first[n + hole] = start
-            self._twin[own] = np.roll(own, -1) + 2
-            self._twin[own + 2] = np.roll(own, 1)
+            self._joined.append(np.stack([self.mesh.first[rim], own + 1]))
+            self._cones.append(slice(start, start + 3 * len(fan)))
+            first[n + hole] = start
+            twin[own] = np.roll(own, -1) + 2
+            twin[own + 2] = np.roll(own, 1)
             start += 3 * len(fan)
+        # All cones are there, and closed to walks but for those opened.
+        self._covered = HalfEdges(
+            np.concatenate([surface.points, np.zeros((len(cavity.rims), 3))]),
+            triangles.reshape(-1),
+            twin,
+            np.concatenate([self.mesh.angles, np.full(len(cavity.rims), np.inf)]),
+            first,
+        )
+        self._opened: list[int] = []
         corners = corner_angles(surface.points, surface.triangles)
         self._corner_sums = np.bincount(surface.triangles.reshape(-1), corners, minlength=n)
         ends, lengths = self.mesh.diagonals()
@@ -152,22 +162,25 @@ class WaysAcrossOstia:
         return int(near[total.argmin()]), float(total.min())
 
     def _mesh_between(self, seeds: SnappedSeeds, start: str, end: str) -> HalfEdges:
-        """The cavity with the cones of one or two seeds."""
-        surface, rims = self.surface, self._cavity.rims
-        n = len(surface.points)
-        points = np.concatenate([surface.points, np.zeros((len(rims), 3))])
-        twin = self._twin.copy()
-        angles = np.concatenate([self.mesh.angles, np.full(len(rims), np.inf)])
+        """The cavity with the cones of one or two seeds; valid until the next call."""
+        mesh, rims = self._covered, self._cavity.rims
+        for hole in self._opened:
+            mesh.twin[self._joined[hole]] = -1
+            mesh.angles[rims[hole]] = np.inf
+        self._opened = [seeds.hole[label] for label in (start, end) if label in seeds.hole]
+        n = len(self.surface.points)
         for label in (start, end):
             if label in seeds.hole:
                 hole = seeds.hole[label]
-                points[n + hole] = seeds.positions[label]
+                mesh.points[n + hole] = seeds.positions[label]
                 inside, outside = self._joined[hole]
-                twin[inside], twin[outside] = outside, inside
+                mesh.twin[inside], mesh.twin[outside] = outside, inside
                 fan = self._fans[hole]
-                cone = np.bincount(fan.reshape(-1), corner_angles(points, fan), minlength=n)
-                angles[rims[hole]] = self._corner_sums[rims[hole]] + cone[rims[hole]]
-        return HalfEdges(points, self._origin, twin, angles, self._first)
+                mesh.apexes[self._cones[hole]] = apexes(mesh.points, fan)
+                # Corner 0 of each triangle is the seed, 2 its point on the rim, 1 the next point.
+                cone = corner_angles(mesh.points, fan).reshape(-1, 3)
+                mesh.angles[rims[hole]] = self._corner_sums[rims[hole]] + cone[:, 2] + np.roll(cone[:, 1], 1)
+        return mesh
 
     def _find(self, seeds: SnappedSeeds, start: str, end: str) -> Walk | None:
         last, length = self._last(seeds, start, end)
