@@ -88,6 +88,10 @@ class WaysAcrossOstia:
         half = sparse.coo_matrix((lengths, tuple(ends.T)), shape=(n, n))
         # Both ways round a mesh edge are edges of the graph, and the ways straight across one: far less jagged paths.
         self._graph = (surface.edge_graph + (half + half.T)).tocsr()
+        # With room for the edges of a seed.
+        room = np.zeros(max(2, *map(len, cavity.rims)))
+        self._lengths = np.append(self._graph.data, room)
+        self._ends = np.append(self._graph.indices, room.astype(self._graph.indices.dtype))
         self._trees: dict[str, tuple[bytes, PathTree]] = {}
         self._walks: dict[tuple[str, str], tuple[bytes, Walk | None]] = {}
 
@@ -132,14 +136,10 @@ class WaysAcrossOstia:
             # The seed is one more node, with edges out to its rim and none back in.
             n = self._graph.shape[0]
             rim, far = self._around(seeds, start)
-            extended = sparse.csr_matrix(
-                (
-                    np.append(self._graph.data, far),
-                    np.append(self._graph.indices, rim),
-                    np.append(self._graph.indptr, self._graph.nnz + len(rim)),
-                ),
-                shape=(n + 1, n + 1),
-            )
+            stop = self._graph.nnz + len(rim)
+            self._lengths[self._graph.nnz : stop], self._ends[self._graph.nnz : stop] = far, rim
+            starts = np.append(self._graph.indptr, np.int32(stop))
+            extended = sparse.csr_matrix((self._lengths[:stop], self._ends[:stop], starts), shape=(n + 1, n + 1))
             self._trees[start] = key, PathTree(extended, n, limit)
         return self._trees[start][1]
 
@@ -316,25 +316,41 @@ def _other_valleys(
     share : (n,) how much of it is behind at the point, 0 to 1.
     line : the line that was found.
     """
-    found: list[int] = []
+    shortest = through.min()
+    near = np.flatnonzero(through < (1.0 + max(DETOURS)) * shortest)
     # Slices across the way: in each, what is not joined to the line lies beyond a ridge or an opening.
-    band = np.floor(share * BANDS).astype(np.int64)
+    band = np.floor(share[near] * BANDS).astype(np.int64)
     between = (band > 0) & (band < BANDS - 1)
+    near, band = near[between], band[between]
+    apart = line.query(surface.points[near])[0] >= APART_MM
+    one, other = _edges_among(graph, near)
+    inside = (band[one] == band[other]) & apart[one]
+    one, other = one[inside], other[inside]
+    found: list[int] = []
     for detour in DETOURS:
-        near = np.flatnonzero((through < (1.0 + detour) * through.min()) & between)
-        if not len(near):
+        possible = through[near] < (1.0 + detour) * shortest
+        if not (possible & apart).any():
             continue
-        joined = graph[near][:, near].tocoo()
-        same = band[near[joined.row]] == band[near[joined.col]]
-        joined = sparse.coo_matrix((joined.data[same], (joined.row[same], joined.col[same])), shape=joined.shape)
+        kept = possible[one] & possible[other]
+        to_line = kept & ~apart[other]
+        kept &= apart[other]
+        joined = sparse.coo_matrix((np.ones(kept.sum(), np.int8), (one[kept], other[kept])), shape=2 * near.shape)
         valley = connected_components(joined, directed=False)[1]
-        distance = line.query(surface.points[near])[0]
-        closest = np.full(valley.max() + 1, np.inf)
-        np.minimum.at(closest, valley, distance)
-        for k in np.flatnonzero(closest >= APART_MM):
+        candidates = np.setdiff1d(valley[possible & apart], valley[one[to_line]])
+        for k in candidates:
             inside = near[valley == k]
             found.append(int(inside[through[inside].argmin()]))
     return sorted(found, key=lambda point: float(through[point]))
+
+
+def _edges_among(graph: sparse.csr_matrix, points: IntArray) -> tuple[IntArray, IntArray]:
+    """The edges of a graph between some of its points, both ways: indices of their ends among these points."""
+    number = np.full(graph.shape[0], -1)
+    number[points] = np.arange(len(points))
+    first, count = graph.indptr[points], np.diff(graph.indptr)[points]
+    one = np.repeat(np.arange(len(points)), count)
+    other = number[graph.indices[np.arange(len(one)) + np.repeat(first - np.cumsum(count) + count, count)]]
+    return one[other >= 0], other[other >= 0]
 
 
 def rim_place(mesh: HalfEdges, loop: IntArray, at: float) -> Place:
