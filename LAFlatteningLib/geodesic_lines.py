@@ -10,14 +10,17 @@ Mount and Papadimitriou, "The discrete geodesic problem", SIAM J. Comput. 16, 19
 
 from __future__ import annotations
 
+from cmath import phase
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .half_edges import HalfEdges, after, before
+from .half_edges import HalfEdges, before
 from .surface import FloatArray, IntArray
+
+ComplexArray = NDArray[np.complex128]
 
 PASSES = 1000
 """Most times that a strip is led round points: ten to thirty at 20,000 points, a hundred at 200,000."""
@@ -92,13 +95,14 @@ def straighten(mesh: HalfEdges, start: Place, stop: Place, strip: Sequence[int],
     for _ in range(PASSES):
         if not strip:
             return make_line(mesh, start, stop, strip, np.zeros(0))
-        share, corners = _pull(mesh, start, stop, strip)
-        turned = _lead_round(mesh, strip, corners)
+        string = _pull(mesh, start, stop, strip)
+        turned = _lead_round(mesh, strip, string)
         if turned is None:
             break
         strip = _trim(mesh, start, stop, turned)
     else:
-        share, _ = _pull(mesh, start, stop, strip)
+        string = _pull(mesh, start, stop, strip)
+    share = string.crossing()
     if clearance > 0.0:
         ends = mesh.ends(strip)
         low, high = np.where(np.isinf(mesh.angles[ends]), clearance, 0.0).T
@@ -115,9 +119,9 @@ def _trim(mesh: HalfEdges, start: Place, stop: Place, strip: list[int]) -> list[
     """The strip without its turns round a point at which the line itself starts or ends."""
     first, last = _point_of(mesh, start), _point_of(mesh, stop)
     begin, end = 0, len(strip)
-    while begin < end and first in (mesh.origin[strip[begin]], mesh.end(strip[begin])):
+    while begin < end and mesh.touches(strip[begin], first):
         begin += 1
-    while end > begin and last in (mesh.origin[strip[end - 1]], mesh.end(strip[end - 1])):
+    while end > begin and mesh.touches(strip[end - 1], last):
         end -= 1
     return strip[begin:end]
 
@@ -139,70 +143,80 @@ def make_line(mesh: HalfEdges, start: Place, stop: Place, strip: Sequence[int] |
     return Line(ends[new], shares[new], tuple(int(h) for h in strip), share)
 
 
-@dataclass
-class _Corner:
-    """A point where a pulled string turns."""
+@dataclass(frozen=True, eq=False)
+class _String:
+    """A string pulled through an unfolded strip.
 
-    portal: int
-    left: bool
-    turn: float
-    """By how much the string turns there, radians, positive."""
+    Attributes
+    ----------
+    left, right : (k,) the ends of the half-edges crossed, in the plane of the strip.
+    corners : where the string turns: the number of a half-edge, and whether at its left end.
+    bends : the places of its first end, of the corners and of its last end.
+    """
+
+    left: ComplexArray
+    right: ComplexArray
+    corners: list[tuple[int, bool]]
+    bends: list[complex]
+
+    def turn(self, corner: int) -> float:
+        """By how much the string turns at a corner, radians, positive."""
+        a, b, c = self.bends[corner : corner + 3]
+        return abs(phase((c - b) * (b - a).conjugate()))
+
+    def crossing(self) -> FloatArray:
+        """Where it crosses each half-edge: the share of the way from right to left."""
+        portals = np.array([-1, *(portal for portal, _ in self.corners), len(self.left)])
+        bends = np.array(self.bends)
+        # The straight piece on which each half-edge lies.
+        piece = np.searchsorted(portals, np.arange(len(self.left)), side="right") - 1
+        a, along = bends[piece], np.diff(bends)[piece]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = _cross(a - self.right, along) / _cross(self.left - self.right, along)
+        for portal, is_left in self.corners:
+            share[portal] = 1.0 if is_left else 0.0
+        # A line along an edge: any place on it will do, the nearest end is one.
+        return np.clip(np.where(np.isfinite(share), share, 0.5), 0.0, 1.0)
 
 
-def _pull(mesh: HalfEdges, start: Place, stop: Place, strip: list[int]) -> tuple[FloatArray, list[_Corner]]:
-    """Where the shortest line in a strip crosses each of its half-edges (share of the way from start to end), and
-    the points where it turns."""
-    left, right, first, last = _unfold(mesh, start, stop, strip)
-    corners = _funnel(left, right, first, last)
-    portals = np.array([-1, *(portal for portal, _ in corners), len(strip)])
-    bends = np.array([first, *((left if is_left else right)[portal] for portal, is_left in corners), last])
-    # The straight piece on which each portal lies.
-    piece = np.searchsorted(portals, np.arange(len(strip)), side="right") - 1
-    a, b = bends[piece], bends[piece + 1]
-    near = np.array(right)
-    across, along = np.array(left) - near, b - a
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = ((a - near).conjugate() * along).imag / (across.conjugate() * along).imag
-    for portal, is_left in corners:
-        share[portal] = 1.0 if is_left else 0.0
-    # A line along an edge: any place on it will do, the nearest end is one.
-    share = np.clip(np.where(np.isfinite(share), share, 0.5), 0.0, 1.0)
-    directions = np.diff(bends)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        turns = np.abs(np.angle(directions[1:] / directions[:-1]))
-    return share, [
-        _Corner(portal, is_left, float(turn)) for (portal, is_left), turn in zip(corners, turns, strict=True)
-    ]
+def _pull(mesh: HalfEdges, start: Place, stop: Place, strip: list[int]) -> _String:
+    """The shortest line in a strip."""
+    left, right, keeps_right, first, last = _unfold(mesh, start, stop, strip)
+    corners, bends = _funnel(left.tolist(), right.tolist(), keeps_right.tolist(), first, last)
+    return _String(left, right, corners, bends)
 
 
 def _unfold(
     mesh: HalfEdges, start: Place, stop: Place, strip: list[int]
-) -> tuple[list[complex], list[complex], complex, complex]:
-    """The strip laid in the plane: left and right end of each half-edge crossed, start and end."""
-    first = strip[0]
-    length = float(np.linalg.norm(np.subtract(*mesh.points[mesh.ends([first])[0]])))
-    twins = mesh.twin[np.array(strip)]
-    apex = mesh.apex(np.append(twins, first)).tolist()
-    origin = mesh.origin
-    a, b = 0j, complex(length)
-    own = {int(origin[first]): a, mesh.end(first): b, int(origin[before(first)]): a + (b - a) * apex[-1]}
-    begin = _where(mesh, start, own)
-    left, right = [b], [a]
-    for k, twin in enumerate(twins.tolist()):
-        # The twin leads from b to a; the new point is on its left.
-        c = b + (a - b) * apex[k]
-        if k + 1 < len(strip):
-            h = strip[k + 1]
-            if h == after(twin):
-                # From the end of the twin (a) to the new point.
-                a, b = a, c
-            else:
-                a, b = c, b
-            left.append(b)
-            right.append(a)
-        else:
-            own = {int(origin[twin]): b, mesh.end(twin): a, int(origin[before(twin)]): c}
-    return left, right, begin, _where(mesh, stop, own)
+) -> tuple[ComplexArray, ComplexArray, NDArray[np.bool_], complex, complex]:
+    """The strip laid in the plane: left and right end of each half-edge crossed, whether the next one keeps the right
+    end (or else the left one), start and end.
+
+    The first half-edge leads from 0 to 1.
+    """
+    crossed = np.array(strip)
+    twins = mesh.twin[crossed]
+    # In the frame of a half-edge that leads from 0 to 1, the triangle behind it ends at `beyond`. The next half-edge
+    # leads from 0 to there, or from there to 1.
+    beyond = 1.0 - mesh.apexes[twins]
+    keeps_right = (crossed[1:] - twins[:-1]) % 3 == 1
+    left, right = np.empty((2, len(strip)), np.complex128)
+    left[0], right[0] = 1.0, 0.0
+    left[1:] = np.where(keeps_right, beyond[:-1], 1.0 - beyond[:-1])
+    across = np.cumprod(left)
+    right[1:] = np.cumsum(np.where(keeps_right, 0.0, across[:-1] * beyond[:-1]))
+    left = right + across
+
+    def corners(h: int, portal: int, third: complex) -> dict[int, complex]:
+        return {
+            int(mesh.origin[strip[portal]]): complex(right[portal]),
+            mesh.end(strip[portal]): complex(left[portal]),
+            int(mesh.origin[before(h)]): complex(right[portal] + third * across[portal]),
+        }
+
+    first = corners(strip[0], 0, mesh.apexes[strip[0]])
+    last = corners(int(twins[-1]), -1, beyond[-1])
+    return left, right, keeps_right, _where(mesh, start, first), _where(mesh, stop, last)
 
 
 def _where(mesh: HalfEdges, place: Place, corners: dict[int, complex]) -> complex:
@@ -212,75 +226,86 @@ def _where(mesh: HalfEdges, place: Place, corners: dict[int, complex]) -> comple
     return at + place.share * (corners[mesh.end(place.half_edge)] - at)
 
 
-def _funnel(left: list[complex], right: list[complex], start: complex, stop: complex) -> list[tuple[int, bool]]:
-    """The portals at whose ends the shortest line through all portals turns, and whether at the left end."""
+def _cross(a: ComplexArray, b: ComplexArray) -> FloatArray:
+    """Twice the area between two directions, positive where the second is on the left."""
+    return (a.conjugate() * b).imag
+
+
+def _funnel(
+    left: list[complex], right: list[complex], keeps_right: list[bool], start: complex, stop: complex
+) -> tuple[list[tuple[int, bool]], list[complex]]:
+    """The corners and bends of the string pulled through a strip, see `_String`.
+
+    Parameters
+    ----------
+    keeps_right : whether the right end of each half-edge is that of the next one, too; the left end is, where not.
+    """
     corners: list[tuple[int, bool]] = []
-    apex = start
-    l_side = r_side = start
-    l_at = r_at = -1
-    n = len(left)
+    bends = [start]
+    last = len(left) - 1
+    # What is seen from the bend: between directions to a left and a right end. First through the half-edge k.
     k = 0
-    while True:
-        if k == n:
-            # The end is seen past both sides, or the line first goes round the side that hides it.
-            if ((l_side - apex).conjugate() * (stop - apex)).imag > 0.0:
-                corners.append((l_at, True))
-                apex, k = l_side, l_at + 1
-                r_side, r_at = l_side, l_at
-                continue
-            if ((r_side - apex).conjugate() * (stop - apex)).imag < 0.0:
-                corners.append((r_at, False))
-                apex, k = r_side, r_at + 1
-                l_side, l_at = r_side, r_at
-                continue
-            break
-        new_l, new_r = left[k], right[k]
-        # Right side: narrower if the new end lies left of the old one.
-        if ((r_side - apex).conjugate() * (new_r - apex)).imag >= 0.0:
-            if apex == r_side or ((l_side - apex).conjugate() * (new_r - apex)).imag < 0.0:
-                r_side, r_at = new_r, k
+    while k <= last:
+        apex = bends[-1]
+        l_side, r_side, l_at, r_at = left[k] - apex, right[k] - apex, k, k
+        hidden_by_left = None
+        while hidden_by_left is None:
+            if k == last:
+                side = stop - apex
+                if (l_side.conjugate() * side).imag > 0.0:
+                    hidden_by_left = True
+                elif (r_side.conjugate() * side).imag < 0.0:
+                    hidden_by_left = False
+                else:
+                    return corners, [*bends, stop]
+            elif keeps_right[k]:
+                k += 1
+                side = left[k] - apex
+                if (l_side.conjugate() * side).imag <= 0.0:
+                    if (r_side.conjugate() * side).imag > 0.0:
+                        l_side, l_at = side, k
+                    else:
+                        hidden_by_left = False
             else:
-                corners.append((l_at, True))
-                apex, k = l_side, l_at + 1
-                r_side, r_at = l_side, l_at
-                continue
-        if ((l_side - apex).conjugate() * (new_l - apex)).imag <= 0.0:
-            if apex == l_side or ((r_side - apex).conjugate() * (new_l - apex)).imag > 0.0:
-                l_side, l_at = new_l, k
-            else:
-                corners.append((r_at, False))
-                apex, k = r_side, r_at + 1
-                l_side, l_at = r_side, r_at
-                continue
+                k += 1
+                side = right[k] - apex
+                if (r_side.conjugate() * side).imag >= 0.0:
+                    if (l_side.conjugate() * side).imag < 0.0:
+                        r_side, r_at = side, k
+                    else:
+                        hidden_by_left = True
+        k = l_at if hidden_by_left else r_at
+        corners.append((k, hidden_by_left))
+        bends.append(left[k] if hidden_by_left else right[k])
+        # On behind the last half-edge that ends there.
+        while k < last and keeps_right[k] != hidden_by_left:
+            k += 1
         k += 1
-    return corners
+    return corners, [*bends, stop]
 
 
-def _lead_round(mesh: HalfEdges, strip: list[int], corners: list[_Corner]) -> list[int] | None:
+def _lead_round(mesh: HalfEdges, strip: list[int], string: _String) -> list[int] | None:
     """The strip led round the other side of every point where that is shorter; None if there is none."""
-    changed = False
-    result = list(strip)
+    result = strip
     free = len(strip)
-    for corner in reversed(corners):
-        h = strip[corner.portal]
-        point = mesh.end(h) if corner.left else int(mesh.origin[h])
+    for k, (portal, left) in reversed(list(enumerate(string.corners))):
+        point = mesh.end(strip[portal]) if left else int(mesh.origin[strip[portal]])
         # On the outside of the turn the line sees pi + turn; it can be shortened if less than pi is left inside.
-        if mesh.angles[point] - corner.turn >= 2.0 * np.pi - 1e-9:
+        if mesh.angles[point] - string.turn(k) >= 2.0 * np.pi - 1e-9:
             continue
-        begin = end = corner.portal
-        while begin > 0 and point in (mesh.origin[strip[begin - 1]], mesh.end(strip[begin - 1])):
+        begin = end = portal
+        while begin > 0 and mesh.touches(strip[begin - 1], point):
             begin -= 1
-        while end + 1 < len(strip) and point in (mesh.origin[strip[end + 1]], mesh.end(strip[end + 1])):
+        while end + 1 < len(strip) and mesh.touches(strip[end + 1], point):
             end += 1
         if end >= free:
             continue
-        other = mesh.turn(strip[begin] // 3, int(mesh.twin[strip[end]]) // 3, point, not corner.left)
+        other = mesh.turn(strip[begin] // 3, int(mesh.twin[strip[end]]) // 3, point, not left)
         if other is None:
             continue
-        result[begin : end + 1] = other
+        result = [*result[:begin], *other, *result[end + 1 :]]
         free = begin
-        changed = True
-    return mesh.without_detours(result) if changed else None
+    return None if result is strip else mesh.without_detours(result)
 
 
 def settle(line: Line, points: FloatArray, allowed: NDArray[np.bool_], tolerance: float) -> Line:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +57,10 @@ class HalfEdges:
     def end(self, h: int) -> int:
         """The point where a half-edge ends."""
         return self._origin[after(h)]
+
+    def touches(self, h: int, point: int) -> bool:
+        """Whether a half-edge starts or ends at a point."""
+        return self._origin[h] == point or self._origin[after(h)] == point
 
     def ends(self, strip: Sequence[int] | IntArray) -> IntArray:
         """(k, 2) both points of each half-edge: where it starts (right of the walk) and ends (left of it)."""
@@ -153,9 +158,9 @@ class HalfEdges:
 
     def without_detours(self, strip: Sequence[int]) -> list[int]:
         """The same strip without loops: it enters no triangle twice."""
+        if not strip or len({self._twin[strip[-1]] // 3, *(h // 3 for h in strip)}) > len(strip):
+            return list(strip)
         result: list[int] = []
-        if not strip:
-            return result
         place = {strip[0] // 3: 0}
         for h in strip:
             into = self._twin[h] // 3
@@ -170,20 +175,10 @@ class HalfEdges:
                 place[into] = len(result)
         return result
 
-    def apex(self, half_edges: IntArray) -> NDArray[np.complex128]:
-        """The third point of the triangle of each half-edge as a complex number, in the frame where the half-edge
-        leads from 0 to 1; the imaginary part is positive."""
-        h = np.asarray(half_edges, np.int64)
-        base = h - h % 3
-        k = h - base
-        points = self.points
-        a = points[self.origin[h]]
-        along = points[self.origin[base + (k + 1) % 3]] - a
-        other = points[self.origin[base + (k + 2) % 3]] - a
-        squared = np.einsum("ij,ij->i", along, along)
-        x = np.einsum("ij,ij->i", along, other)
-        y = np.sqrt(np.maximum(squared * np.einsum("ij,ij->i", other, other) - x * x, 0.0))
-        return (x + 1j * y) / squared
+    @cached_property
+    def apexes(self) -> NDArray[np.complex128]:
+        """(3m,) the third point of the triangle of each half-edge, see `apexes`."""
+        return apexes(self.points, self.origin.reshape(-1, 3))
 
     def diagonals(self) -> tuple[IntArray, FloatArray]:
         """The straight ways across one edge, from the third point of one triangle to that of its neighbour.
@@ -195,9 +190,9 @@ class HalfEdges:
         """
         h = np.flatnonzero(np.arange(len(self.twin)) < self.twin)
         twin = self.twin[h]
-        near = self.apex(h)
+        near = self.apexes[h]
         # In the frame of h as well, where the other triangle lies below.
-        far = 1.0 - self.apex(twin)
+        far = 1.0 - self.apexes[twin]
         with np.errstate(divide="ignore", invalid="ignore"):
             crossing = far.real + (near.real - far.real) * far.imag / (far.imag - near.imag)
         seen = (crossing > 0.0) & (crossing < 1.0)
@@ -221,3 +216,21 @@ def after(h: int) -> int:
 def corner_angles(points: FloatArray, triangles: IntArray) -> FloatArray:
     """(3m,) angle at each corner, radians, in the order of the half-edges that start there."""
     return np.arctan2(1.0, operators.cotangents(points, triangles)).reshape(-1)
+
+
+def apexes(points: FloatArray, triangles: IntArray) -> NDArray[np.complex128]:
+    """The third point of the triangle of each half-edge as a complex number, in the frame where the half-edge leads
+    from 0 to 1; the imaginary part is positive.
+
+    Returns
+    -------
+    (3m,) in the order of the half-edges; not finite for half-edges without length.
+    """
+    a = points[triangles]
+    along = np.roll(a, -1, axis=1) - a
+    other = -np.roll(along, 1, axis=1)
+    squared = np.einsum("tki,tki->tk", along, along)
+    x = np.einsum("tki,tki->tk", along, other)
+    y = np.sqrt(np.maximum(squared * np.roll(squared, 1, axis=1) - x * x, 0.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return ((x + 1j * y) / squared).reshape(-1)

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from .cavity.openings import Cavity
 from .geodesic_lines import Line, Place, make_line, straighten
 from .geodesics import PathTree
-from .half_edges import HalfEdges, corner_angles
+from .half_edges import HalfEdges, apexes, corner_angles
 from .insertion import meeting
 from .seed_paths import Walk
 from .seeds import SnappedSeeds
@@ -59,25 +59,39 @@ class WaysAcrossOstia:
         n, m = len(surface.points), len(surface.triangles)
         self._fans = [np.stack([np.full(len(rim), n + k), np.roll(rim, -1), rim], axis=1) for k, rim in self._rims()]
         triangles = np.concatenate([surface.triangles, *self._fans])
-        self._origin = np.ascontiguousarray(triangles).reshape(-1)
         # Half-edge 1 of a cone's triangle lies on the rim, 0 and 2 on its neighbours in the cone.
-        self._twin = np.concatenate([self.mesh.twin, np.full(3 * sum(map(len, self._fans)), -1)])
-        self._joined: list[tuple[IntArray, IntArray]] = []
-        self._first = np.concatenate([self.mesh.first, np.zeros(len(cavity.rims), np.int64)])
+        twin = np.concatenate([self.mesh.twin, np.full(3 * sum(map(len, self._fans)), -1)])
+        first = np.concatenate([self.mesh.first, np.zeros(len(cavity.rims), np.int64)])
+        self._joined: list[IntArray] = []
+        self._cones: list[slice] = []
         start = 3 * m
         for (hole, rim), fan in zip(self._rims(), self._fans, strict=True):
             own = start + 3 * np.arange(len(fan))
-            self._joined.append((self.mesh.first[rim], own + 1))
-            self._first[n + hole] = start
-            self._twin[own] = np.roll(own, -1) + 2
-            self._twin[own + 2] = np.roll(own, 1)
+            self._joined.append(np.stack([self.mesh.first[rim], own + 1]))
+            self._cones.append(slice(start, start + 3 * len(fan)))
+            first[n + hole] = start
+            twin[own] = np.roll(own, -1) + 2
+            twin[own + 2] = np.roll(own, 1)
             start += 3 * len(fan)
+        # All cones are there, and closed to walks but for those opened.
+        self._covered = HalfEdges(
+            np.concatenate([surface.points, np.zeros((len(cavity.rims), 3))]),
+            triangles.reshape(-1),
+            twin,
+            np.concatenate([self.mesh.angles, np.full(len(cavity.rims), np.inf)]),
+            first,
+        )
+        self._opened: list[int] = []
         corners = corner_angles(surface.points, surface.triangles)
         self._corner_sums = np.bincount(surface.triangles.reshape(-1), corners, minlength=n)
         ends, lengths = self.mesh.diagonals()
         half = sparse.coo_matrix((lengths, tuple(ends.T)), shape=(n, n))
         # Both ways round a mesh edge are edges of the graph, and the ways straight across one: far less jagged paths.
         self._graph = (surface.edge_graph + (half + half.T)).tocsr()
+        # With room for the edges of a seed.
+        room = np.zeros(max(2, *map(len, cavity.rims)))
+        self._lengths = np.append(self._graph.data, room)
+        self._ends = np.append(self._graph.indices, room.astype(self._graph.indices.dtype))
         self._trees: dict[str, tuple[bytes, PathTree]] = {}
         self._walks: dict[tuple[str, str], tuple[bytes, Walk | None]] = {}
 
@@ -122,14 +136,10 @@ class WaysAcrossOstia:
             # The seed is one more node, with edges out to its rim and none back in.
             n = self._graph.shape[0]
             rim, far = self._around(seeds, start)
-            extended = sparse.csr_matrix(
-                (
-                    np.append(self._graph.data, far),
-                    np.append(self._graph.indices, rim),
-                    np.append(self._graph.indptr, self._graph.nnz + len(rim)),
-                ),
-                shape=(n + 1, n + 1),
-            )
+            stop = self._graph.nnz + len(rim)
+            self._lengths[self._graph.nnz : stop], self._ends[self._graph.nnz : stop] = far, rim
+            starts = np.append(self._graph.indptr, np.int32(stop))
+            extended = sparse.csr_matrix((self._lengths[:stop], self._ends[:stop], starts), shape=(n + 1, n + 1))
             self._trees[start] = key, PathTree(extended, n, limit)
         return self._trees[start][1]
 
@@ -152,22 +162,25 @@ class WaysAcrossOstia:
         return int(near[total.argmin()]), float(total.min())
 
     def _mesh_between(self, seeds: SnappedSeeds, start: str, end: str) -> HalfEdges:
-        """The cavity with the cones of one or two seeds."""
-        surface, rims = self.surface, self._cavity.rims
-        n = len(surface.points)
-        points = np.concatenate([surface.points, np.zeros((len(rims), 3))])
-        twin = self._twin.copy()
-        angles = np.concatenate([self.mesh.angles, np.full(len(rims), np.inf)])
+        """The cavity with the cones of one or two seeds; valid until the next call."""
+        mesh, rims = self._covered, self._cavity.rims
+        for hole in self._opened:
+            mesh.twin[self._joined[hole]] = -1
+            mesh.angles[rims[hole]] = np.inf
+        self._opened = [seeds.hole[label] for label in (start, end) if label in seeds.hole]
+        n = len(self.surface.points)
         for label in (start, end):
             if label in seeds.hole:
                 hole = seeds.hole[label]
-                points[n + hole] = seeds.positions[label]
+                mesh.points[n + hole] = seeds.positions[label]
                 inside, outside = self._joined[hole]
-                twin[inside], twin[outside] = outside, inside
+                mesh.twin[inside], mesh.twin[outside] = outside, inside
                 fan = self._fans[hole]
-                cone = np.bincount(fan.reshape(-1), corner_angles(points, fan), minlength=n)
-                angles[rims[hole]] = self._corner_sums[rims[hole]] + cone[rims[hole]]
-        return HalfEdges(points, self._origin, twin, angles, self._first)
+                mesh.apexes[self._cones[hole]] = apexes(mesh.points, fan)
+                # Corner 0 of each triangle is the seed, 2 its point on the rim, 1 the next point.
+                cone = corner_angles(mesh.points, fan).reshape(-1, 3)
+                mesh.angles[rims[hole]] = self._corner_sums[rims[hole]] + cone[:, 2] + np.roll(cone[:, 1], 1)
+        return mesh
 
     def _find(self, seeds: SnappedSeeds, start: str, end: str) -> Walk | None:
         last, length = self._last(seeds, start, end)
@@ -303,25 +316,41 @@ def _other_valleys(
     share : (n,) how much of it is behind at the point, 0 to 1.
     line : the line that was found.
     """
-    found: list[int] = []
+    shortest = through.min()
+    near = np.flatnonzero(through < (1.0 + max(DETOURS)) * shortest)
     # Slices across the way: in each, what is not joined to the line lies beyond a ridge or an opening.
-    band = np.floor(share * BANDS).astype(np.int64)
+    band = np.floor(share[near] * BANDS).astype(np.int64)
     between = (band > 0) & (band < BANDS - 1)
+    near, band = near[between], band[between]
+    apart = line.query(surface.points[near])[0] >= APART_MM
+    one, other = _edges_among(graph, near)
+    inside = (band[one] == band[other]) & apart[one]
+    one, other = one[inside], other[inside]
+    found: list[int] = []
     for detour in DETOURS:
-        near = np.flatnonzero((through < (1.0 + detour) * through.min()) & between)
-        if not len(near):
+        possible = through[near] < (1.0 + detour) * shortest
+        if not (possible & apart).any():
             continue
-        joined = graph[near][:, near].tocoo()
-        same = band[near[joined.row]] == band[near[joined.col]]
-        joined = sparse.coo_matrix((joined.data[same], (joined.row[same], joined.col[same])), shape=joined.shape)
+        kept = possible[one] & possible[other]
+        to_line = kept & ~apart[other]
+        kept &= apart[other]
+        joined = sparse.coo_matrix((np.ones(kept.sum(), np.int8), (one[kept], other[kept])), shape=2 * near.shape)
         valley = connected_components(joined, directed=False)[1]
-        distance = line.query(surface.points[near])[0]
-        closest = np.full(valley.max() + 1, np.inf)
-        np.minimum.at(closest, valley, distance)
-        for k in np.flatnonzero(closest >= APART_MM):
+        candidates = np.setdiff1d(valley[possible & apart], valley[one[to_line]])
+        for k in candidates:
             inside = near[valley == k]
             found.append(int(inside[through[inside].argmin()]))
     return sorted(found, key=lambda point: float(through[point]))
+
+
+def _edges_among(graph: sparse.csr_matrix, points: IntArray) -> tuple[IntArray, IntArray]:
+    """The edges of a graph between some of its points, both ways: indices of their ends among these points."""
+    number = np.full(graph.shape[0], -1)
+    number[points] = np.arange(len(points))
+    first, count = graph.indptr[points], np.diff(graph.indptr)[points]
+    one = np.repeat(np.arange(len(points)), count)
+    other = number[graph.indices[np.arange(len(one)) + np.repeat(first - np.cumsum(count) + count, count)]]
+    return one[other >= 0], other[other >= 0]
 
 
 def rim_place(mesh: HalfEdges, loop: IntArray, at: float) -> Place:

@@ -45,27 +45,26 @@ def edges(triangles: IntArray) -> Edges:
     triangles : (m, 3) int array of point ids.
     """
     m = len(triangles)
-    directed = np.sort(half_edges(triangles), axis=1)
-    n = int(triangles.max()) + 1 if m else 0
+    corners = np.ascontiguousarray(triangles.T)
+    start, end = corners[[1, 2, 0]].reshape(-1), corners[[2, 0, 1]].reshape(-1)
+    low, high = np.minimum(start, end), np.maximum(start, end)
     # One 64-bit key an edge sorts faster than rows.
-    key = directed[:, 0] * n + directed[:, 1]
+    key = low * (int(triangles.max()) + 1 if m else 0) + high
     order = np.argsort(key)
     ordered = key[order]
-    first = np.concatenate([[True], ordered[1:] != ordered[:-1]]) if m else np.zeros(0, bool)
+    first = np.ones(3 * m, bool)
+    np.not_equal(ordered[1:], ordered[:-1], out=first[1:])
     starts = np.flatnonzero(first)
-    count = np.diff(np.append(starts, len(ordered)))
+    count = np.diff(starts, append=3 * m)
     edge_of_half = np.empty(3 * m, np.int64)
     edge_of_half[order] = np.cumsum(first) - 1
-    unique = ordered[starts]
-    points = np.stack([unique // max(n, 1), unique % max(n, 1)], axis=1)
-    pair = np.full((len(starts), 2), -1, np.int64)
-    pair[:, 0] = order[starts]
+    # The sort is not stable, so that it is fast: put the two half-edges in order here.
+    one, other = order[starts], order[np.minimum(starts + 1, 3 * m - 1)]
     shared = count > 1
-    # The sort is not stable, so that it is fast: put the two in order here.
-    other = order[starts[shared] + 1]
-    pair[shared] = np.stack([np.minimum(pair[shared, 0], other), np.maximum(pair[shared, 0], other)], axis=1)
-    pair = np.where(pair >= 0, pair % max(m, 1), -1)
-    return Edges(points, edge_of_half.reshape(3, m).T, pair, count)
+    pair = np.empty((len(starts), 2), np.int64)
+    pair[:, 0] = np.where(shared, np.minimum(one, other), one) % max(m, 1)
+    pair[:, 1] = np.where(shared, np.maximum(one, other) % max(m, 1), -1)
+    return Edges(np.stack([low[one], high[one]], axis=1), edge_of_half.reshape(3, m).T, pair, count)
 
 
 def triangle_components(triangles: IntArray, mesh_edges: Edges, blocked: NDArray[np.bool_] | None = None) -> IntArray:
@@ -166,9 +165,10 @@ def boundary_loops(triangles: IntArray, mesh_edges: Edges) -> list[IntArray]:
     ------
     SurfaceError : if rims touch at a point, so that they cannot be told apart.
     """
-    directed = half_edges(triangles)
-    single = (mesh_edges.usage == 1)[mesh_edges.of_triangle.T.reshape(-1)]
-    start, end = directed[single].T
+    single = np.flatnonzero(mesh_edges.usage == 1)
+    triangle = mesh_edges.triangles[single, 0]
+    corner = (mesh_edges.of_triangle[triangle] == single[:, None]).argmax(axis=1)
+    start, end = triangles[triangle, (corner + 1) % 3], triangles[triangle, (corner + 2) % 3]
     if len(np.unique(start)) != len(start):
         ids, times = np.unique(start, return_counts=True)
         shown = ", ".join(str(i) for i in ids[times > 1][:5])

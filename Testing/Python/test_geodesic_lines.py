@@ -192,7 +192,7 @@ def test_apexes_are_the_third_points():
     h = np.arange(len(mesh.origin))
     a, b = surface.points[mesh.ends(h)].swapaxes(0, 1)
     c = surface.points[surface.triangles.reshape(-1)[h - h % 3 + (h + 2) % 3]]
-    apex = mesh.apex(h)
+    apex = mesh.apexes[h]
     side = np.linalg.norm(b - a, axis=1)
     assert (apex.imag > 0).all()
     assert np.allclose(np.abs(apex) * side, np.linalg.norm(c - a, axis=1), rtol=1e-12)
