@@ -15,7 +15,7 @@ from ..surface import FloatArray, IntArray, Surface
 from .descent import descend
 from .energy import GUARDED_FROM, PatchEnergy, rest_shapes
 from .parts import movable_parts
-from .untangling import corner_matrix, neighbourhood, untangle
+from .untangling import neighbourhood, untangle
 
 WORST = 10.0
 """Triangles with a larger dilatation than this (about) are relaxed first, by themselves."""
@@ -106,12 +106,12 @@ class Refinement:
         finish : whether to go on to the minimum.
         progress : told the share done.
         """
-        result, worst = flat.copy(), WORST_STEPS if finish else WORST_STEPS[:1]
+        result, radius, worst = flat.copy(), _radius(flat), WORST_STEPS if finish else WORST_STEPS[:1]
         for k, one in enumerate(self._parts):
             told = part(progress, k / len(self._parts), (k + 1) / len(self._parts))
             one.energy.hold(flat)
             relaxed = self._relax_worst(flat, one, worst)
-            result[one.energy.ids] = _lower(one.energy, relaxed, one.solver, _radius(flat), most, finish, told)
+            result[one.energy.ids] = _lower(one.energy, relaxed, one.solver, radius, most, finish, told)
         return result
 
     def guard(
@@ -141,7 +141,7 @@ class Refinement:
         untangled, freed = (
             untangle(flat, triangles, points, fixed, loose) if bad.any() else (flat, np.zeros(0, np.int64))
         )
-        near = neighbourhood(corner_matrix(triangles, len(flat)), len(self._weights) + np.flatnonzero(close), RINGS)
+        near = neighbourhood(triangles, len(self._weights) + np.flatnonzero(close), RINGS, len(flat))
         near = self._movable & (near | (untangled != flat).any(axis=1))
         if not near.any():
             return untangled, freed
@@ -159,16 +159,16 @@ class Refinement:
         A few such triangles, left where folds were turned back, would keep every step of the whole map short. The very
         worst come first, by themselves, or they would do the same in their patches.
         """
-        ids, corner, result = one.energy.ids, None, flat
+        ids, result = one.energy.ids, flat
         for level in range(LEVELS + 1):
             mips = one.energy.mips(result[ids])
             last = level == LEVELS or mips.max() < 2.0 * WORST
             worst = np.flatnonzero(mips > max(0.5 * WORST, 0.0 if last else 0.1 * mips.max()))
             if not len(worst):
                 break
-            if corner is None:
-                corner, result = corner_matrix(one.triangles, len(flat)), flat.copy()
-            near = neighbourhood(corner, worst, RINGS) & self._movable
+            if result is flat:
+                result = flat.copy()
+            near = neighbourhood(one.triangles, worst, RINGS, len(flat)) & self._movable
             used = near[one.triangles].any(axis=1)
             if not used.any():
                 break

@@ -6,7 +6,6 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from .. import operators
 from ..errors import FoldError
@@ -51,10 +50,10 @@ def untangle(
     scale = float(
         np.sqrt(operators.triangle_areas(flat, triangles).sum() / operators.triangle_areas(points, triangles).sum())
     )
-    corner = corner_matrix(triangles, len(points))
+    n = len(points)
     flat = flat.copy()
     held = fixed | loose
-    freed = np.zeros(len(points), bool)
+    freed = np.zeros(n, bool)
     for stage in (held, fixed):
         for rings, patience in zip(RINGS, PATIENCE, strict=True):
             folded = _bad(flat, triangles)
@@ -65,9 +64,9 @@ def untangle(
             folded = folded[~stage[triangles[folded]].all(axis=1)]
             if not len(folded):
                 break
-            near = neighbourhood(corner, folded, rings)
+            near = neighbourhood(triangles, folded, rings, n)
             # Once paths must give way, they do so close to the fold only.
-            blocked = stage | (held & ~neighbourhood(corner, folded, min(rings, RINGS[0])))
+            blocked = stage | (held & ~neighbourhood(triangles, folded, min(rings, RINGS[0]), n))
             movable = near & ~blocked
             if not movable.any():
                 continue
@@ -104,22 +103,17 @@ def _bad(flat: FloatArray, triangles: IntArray) -> IntArray:
     return small[area[small] <= 1e-9 * longest]
 
 
-def corner_matrix(triangles: IntArray, n: int) -> sparse.csr_matrix:
-    """Which of n points are corners of which triangles, (n, m), of ones."""
-    return sparse.csr_matrix(
-        (np.ones(triangles.size, np.int8), (triangles.reshape(-1), np.repeat(np.arange(len(triangles)), 3))),
-        shape=(n, len(triangles)),
-    )
-
-
-def neighbourhood(corner: sparse.csr_matrix, triangles: IntArray, rings: int) -> NDArray[np.bool_]:
-    """Points within some rings of triangles, (n,), given the `corner_matrix`."""
-    chosen = np.zeros(corner.shape[1])
-    chosen[triangles] = 1.0
-    for _ in range(rings):
-        points = (corner @ chosen) > 0
-        chosen = (corner.T @ points.astype(np.float64) > 0).astype(np.float64)
-    return points
+def neighbourhood(triangles: IntArray, chosen: IntArray, rings: int, n: int) -> NDArray[np.bool_]:
+    """Points within some rings of some of the triangles (numbers `chosen`), (n,)."""
+    one, two, three = np.ascontiguousarray(triangles.T)
+    near = np.zeros(n, bool)
+    near[triangles[chosen]] = True
+    for _ in range(rings - 1):
+        touched = near.take(one)
+        touched |= near.take(two)
+        touched |= near.take(three)
+        near[triangles[touched]] = True
+    return near
 
 
 def _relax(
