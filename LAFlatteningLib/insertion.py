@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,25 +64,109 @@ def insert_lines(before: Inserted, lines: Mapping[str, Line]) -> Inserted:
     starts = np.concatenate([[0], np.cumsum(counts)])
     ids = {name: nodes[starts[k] : starts[k + 1]] for k, name in enumerate(lines)}
 
-    # What falls into each triangle: new points on its edges, and pieces of lines.
-    on_edges: dict[int, list[int]] = {}
-    for e, node in zip(edge[order].tolist(), nodes[order].tolist(), strict=True):
-        on_edges.setdefault(e, []).append(node)
-    pieces: dict[int, list[tuple[int, int]]] = {}
+    # What falls into each triangle: new points on its sides, and pieces of lines.
     follows = np.ones(len(nodes), bool)
     follows[starts[1:] - 1] = False
     first = np.flatnonzero(follows)
     inside = chord_triangles(surface, ends[first], ends[first + 1])
-    for triangle, u, v in zip(inside.tolist(), nodes[first].tolist(), nodes[first + 1].tolist(), strict=True):
-        if triangle >= 0:
-            pieces.setdefault(triangle, []).append((u, v))
-    both = surface.edges.triangles[list(on_edges)] if on_edges else np.zeros((0, 2), np.int64)
-    cut = sorted({*pieces, *both[both >= 0].tolist()})
+    across = np.flatnonzero(inside >= 0)
+    falls = _Falls(
+        surface, points, edge[order], nodes[order], inside[across], nodes[np.stack([first, first + 1], axis=1)[across]]
+    )
+    simple, parent = _cut_by_one_piece(falls)
+    others, others_parent = _cut_otherwise(falls, np.setdiff1d(falls.cut, parent))
+    whole = np.ones(m, bool)
+    whole[falls.cut] = False
+    kept = np.flatnonzero(whole)
+    return Inserted(
+        Surface(points, np.concatenate([surface.triangles[kept], simple, others]), space=surface.space),
+        before.parent[np.concatenate([kept, parent, others_parent])],
+        {**before.lines, **ids},
+    )
 
+
+@dataclass(frozen=True, eq=False)
+class _Falls:
+    """What falls into the triangles of a surface.
+
+    Attributes
+    ----------
+    surface, points : the surface before, and the points after.
+    edge, node : (k,) the edge of each new point, rising, and the point; along each edge, points are in order.
+    triangle, piece : (p,) the triangle that each piece of a line crosses, and (p, 2) the points at its ends.
+    """
+
+    surface: Surface
+    points: FloatArray
+    edge: IntArray
+    node: IntArray
+    triangle: IntArray
+    piece: IntArray
+
+    @cached_property
+    def cut(self) -> IntArray:
+        """The triangles into which anything falls, rising."""
+        sides = self.surface.edges.triangles[self.edge]
+        return np.unique(np.concatenate([self.triangle, sides[sides >= 0]]))
+
+
+def _cut_by_one_piece(falls: _Falls) -> tuple[IntArray, IntArray]:
+    """The parts, and their parents, of triangles that are crossed by one line from side to side or from a corner, and
+    have no more points on their sides."""
+    surface = falls.surface
+    n, m = len(surface.points), len(surface.triangles)
+    sides = surface.edges.of_triangle
+    count = np.bincount(falls.edge, minlength=len(surface.edges.points))
+    node = np.zeros(len(count), np.int64)
+    node[falls.edge] = falls.node
+    at_triangle = falls.triangle[np.bincount(falls.triangle, minlength=m)[falls.triangle] == 1]
+    on_sides = count[sides[at_triangle]]
+    made = np.bincount(falls.triangle, (falls.piece >= n).sum(axis=1), minlength=m)[at_triangle]
+    simple = (on_sides.max(axis=1) == 1) & (on_sides.sum(axis=1) == made)
+
+    # From one side to the next one, round corner c: a triangle, and four corners to be cut the better way.
+    round_corner = simple & (made == 2)
+    t, k = at_triangle[round_corner], on_sides[round_corner].argmin(axis=1)
+    c, p, q = (surface.triangles[t, (k + step) % 3] for step in range(3))
+    u, v = (node[sides[t, (k + step) % 3]] for step in (2, 1))
+
+    def worse(*triangles: tuple[IntArray, IntArray, IntArray]) -> FloatArray:
+        """The quality of the worse one of two triangles."""
+        corners = [[falls.points[i].T for i in ids] for ids in triangles]
+        return np.minimum(*(_quality(x, y, z, np.maximum) for x, y, z in corners))
+
+    first = worse((u, p, q), (u, q, v)) > worse((p, q, v), (u, p, v))
+    parts = [
+        np.stack([c, u, v], axis=1),
+        np.where(first, [u, p, q], [p, q, v]).T,
+        np.where(first, [u, q, v], [u, p, v]).T,
+    ]
+    parents = [t] * 3
+    # From corner c to the side opposite.
+    from_corner = simple & (made == 1)
+    t, k = at_triangle[from_corner], on_sides[from_corner].argmax(axis=1)
+    c, p, q = (surface.triangles[t, (k + step) % 3] for step in range(3))
+    v = node[sides[t, k]]
+    parts += [np.stack([c, p, v], axis=1), np.stack([c, v, q], axis=1)]
+    parents += [t] * 2
+    return np.concatenate(parts), np.concatenate(parents)
+
+
+def _cut_otherwise(falls: _Falls, cut: IntArray) -> tuple[IntArray, IntArray]:
+    """The parts, and their parents, of triangles into which anything falls."""
+    surface, points = falls.surface, falls.points
+    ours = np.isin(falls.edge, surface.edges.of_triangle[cut])
+    on_edges: dict[int, list[int]] = {}
+    for e, node in zip(falls.edge[ours].tolist(), falls.node[ours].tolist(), strict=True):
+        on_edges.setdefault(e, []).append(node)
+    ours = np.isin(falls.triangle, cut)
+    pieces: dict[int, list[tuple[int, int]]] = {}
+    for triangle, (u, v) in zip(falls.triangle[ours].tolist(), falls.piece[ours].tolist(), strict=True):
+        pieces.setdefault(triangle, []).append((u, v))
     new: list[tuple[int, int, int]] = []
     parent: list[int] = []
-    position = points.tolist() if len(cut) > m // 4 else None
-    for triangle in cut:
+    position = points.tolist() if len(cut) > len(surface.triangles) // 4 else None
+    for triangle in cut.tolist():
         corners = surface.triangles[triangle].tolist()
         polygon: list[int] = []
         for k in range(3):
@@ -94,15 +180,7 @@ def insert_lines(before: Inserted, lines: Mapping[str, Line]) -> Inserted:
             made = _triangulate(part, at)
             new += made
             parent += [triangle] * len(made)
-    whole = np.ones(m, bool)
-    whole[cut] = False
-    kept = np.flatnonzero(whole)
-    triangles = np.concatenate([surface.triangles[kept], np.array(new, np.int64).reshape(-1, 3)])
-    return Inserted(
-        Surface(points, triangles, space=surface.space),
-        before.parent[np.concatenate([kept, np.array(parent, np.int64)])],
-        {**before.lines, **ids},
-    )
+    return np.array(new, np.int64).reshape(-1, 3), np.array(parent, np.int64)
 
 
 def edges_of(
@@ -111,8 +189,7 @@ def edges_of(
     """The edge between two points, (k,), -1 where not `on_edge`; and the share counted from its first point."""
     n = len(surface.points)
     low, high = ends.min(axis=1), ends.max(axis=1)
-    edges = surface.edges.points
-    edge = np.searchsorted(edges[:, 0] * n + edges[:, 1], low * n + high)
+    edge = np.searchsorted(surface.edge_keys, low * n + high)
     return np.where(on_edge, edge, -1), np.where(ends[:, 0] == low, share, 1.0 - share)
 
 
@@ -175,12 +252,17 @@ def _triangulate(polygon: list[int], at: Mapping[int, Sequence[float]]) -> list[
     return best[0, k - 1][1]
 
 
-def _quality(a: Sequence[float], b: Sequence[float], c: Sequence[float]) -> float:
-    """Twice the area of a triangle over its longest side squared, squared; 0 for a sliver."""
+def _quality(a: Sequence[Any], b: Sequence[Any], c: Sequence[Any], larger: Callable[[Any, Any], Any] = max) -> Any:
+    """Twice the area of a triangle over its longest side squared, squared; 0 for a sliver.
+
+    Parameters
+    ----------
+    a, b, c : three coordinates each: numbers, or with `larger` that of arrays, arrays.
+    """
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
     uu, vv, uv = ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz, ux * vx + uy * vy + uz * vz
-    longest = max(uu, vv, uu + vv - 2.0 * uv)
+    longest = larger(larger(uu, vv), uu + vv - 2.0 * uv)
     return (uu * vv - uv * uv) / (longest * longest)
 
 
@@ -202,19 +284,25 @@ def meeting(
     line = np.repeat(np.arange(len(names)), [len(one.share) for one in lines.values()])
     on_edge = ends[:, 0] != ends[:, 1]
     edge, share = edges_of(surface, ends, share, on_edge)
+    # Pieces of lines, the triangle that each crosses, and those that run along an edge.
+    first = np.flatnonzero(np.diff(line) == 0)
+    inside = chord_triangles(surface, ends[first], ends[first + 1])
+    along = first[inside < 0]
+    corners = np.sort(np.concatenate([ends[along], ends[along + 1]], axis=1), axis=1)[:, [0, -1]]
+    along_edge, _ = edges_of(surface, corners, np.zeros(len(along)), np.ones(len(along), bool))
     found: set[frozenset[str]] = set()
 
     def note(a: int, b: int) -> None:
         if a != b:
             found.add(frozenset((names[a], names[b])))
 
-    through: dict[int, set[int]] = {}
-    for k in np.flatnonzero(~on_edge).tolist():
-        through.setdefault(int(ends[k, 0]), set()).add(int(line[k]))
     at_edge: dict[int, list[tuple[float, int]]] = {}
-    for k in np.flatnonzero(on_edge).tolist():
+    for k in np.flatnonzero(on_edge & (_of_several(edge, line) | np.isin(edge, along_edge))).tolist():
         at_edge.setdefault(int(edge[k]), []).append((float(share[k]), int(line[k])))
     if touching:
+        through: dict[int, set[int]] = {}
+        for k in np.flatnonzero(~on_edge & _of_several(np.where(on_edge, -1, ends[:, 0]), line)).tolist():
+            through.setdefault(int(ends[k, 0]), set()).add(int(line[k]))
         for point, several in through.items():
             for a, b in combinations(sorted(several) if point not in shared else (), 2):
                 note(a, b)
@@ -222,24 +310,18 @@ def meeting(
             for (one, a), (other, b) in combinations(places, 2):
                 if abs(one - other) < TOO_CLOSE:
                     note(a, b)
-    # Pieces in one triangle whose ends alternate round it.
-    first = np.flatnonzero(np.diff(line) == 0)
-    inside = chord_triangles(surface, ends[first], ends[first + 1])
     # Pieces along an edge, and what crosses it there.
-    for k in first[inside < 0].tolist():
-        corners = np.unique(ends[k : k + 2])
-        along, _ = edges_of(surface, np.stack([corners, corners]), np.zeros(2), np.ones(2, bool))
-        stretch = sorted(float(share[j]) if on_edge[j] else float(ends[j, 0] == corners[1]) for j in (k, k + 1))
-        for place, other in at_edge.get(int(along[0]), []):
+    for k, e, (_, last) in zip(along.tolist(), along_edge.tolist(), corners.tolist(), strict=True):
+        stretch = sorted(float(share[j]) if on_edge[j] else float(ends[j, 0] == last) for j in (k, k + 1))
+        for place, other in at_edge.get(e, []):
             if stretch[0] < place < stretch[1]:
                 note(int(line[k]), other)
+    # Pieces in one triangle whose ends alternate round it.
+    together = _of_several(inside, line[first]) & (inside >= 0)
     per_triangle: dict[int, list[int]] = {}
-    for k, triangle in zip(first.tolist(), inside.tolist(), strict=True):
-        if triangle >= 0:
-            per_triangle.setdefault(triangle, []).append(k)
+    for k, triangle in zip(first[together].tolist(), inside[together].tolist(), strict=True):
+        per_triangle.setdefault(triangle, []).append(k)
     for triangle, chords in per_triangle.items():
-        if len({int(line[k]) for k in chords}) < 2:
-            continue
         corners = surface.triangles[triangle].tolist()
 
         def round_at(k: int, corners: list[int] = corners) -> float:
@@ -256,6 +338,18 @@ def meeting(
             if (low < c < high) != (low < d < high) and c not in (low, high) and d not in (low, high):
                 note(one, other)
     return found
+
+
+def _of_several(key: IntArray, line: IntArray) -> NDArray[np.bool_]:
+    """(k,) for places of lines, each with a key: whether places of other lines have the same key."""
+    order = np.lexsort((line, key))
+    key, line = key[order], line[order]
+    begins = np.append(True, key[1:] != key[:-1])
+    changes = np.append(False, line[1:] != line[:-1]) & ~begins
+    group = np.cumsum(begins) - 1
+    result = np.empty(len(key), bool)
+    result[order] = (np.bincount(group, changes) > 0)[group] if len(key) else False
+    return result
 
 
 TOO_CLOSE = 1e-3

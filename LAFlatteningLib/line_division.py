@@ -358,8 +358,7 @@ def _open_channels(inserted: Inserted) -> tuple[Inserted, NDArray[np.bool_]]:
     for ids in (*surface.boundary_loops, *inserted.lines.values()):
         taken[ids] = True
     edges = surface.edges
-    keys = edges.points[:, 0] * len(surface.points) + edges.points[:, 1]
-    across = (edges.usage == 2) & taken[edges.points].all(axis=1) & ~np.isin(keys, _edge_keys(inserted))
+    across = (edges.usage == 2) & taken[edges.points].all(axis=1) & ~np.isin(surface.edge_keys, _edge_keys(inserted))
     middles = {
         f"middle {k}": Line(ends[None], np.array([0.5]), (), np.zeros(0)) for k, ends in enumerate(edges.points[across])
     }

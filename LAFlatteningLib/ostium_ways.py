@@ -75,13 +75,14 @@ class WaysAcrossOstia:
             start += 3 * len(fan)
         # All cones are there, and closed to walks but for those opened.
         self._covered = HalfEdges(
-            np.concatenate([surface.points, np.zeros((len(cavity.rims), 3))]),
+            np.concatenate([surface.points, np.full((len(cavity.rims), 3), np.nan)]),
             triangles.reshape(-1),
             twin,
             np.concatenate([self.mesh.angles, np.full(len(cavity.rims), np.inf)]),
             first,
         )
         self._opened: list[int] = []
+        self._rim_angles: dict[int, FloatArray] = {}
         corners = corner_angles(surface.points, surface.triangles)
         self._corner_sums = np.bincount(surface.triangles.reshape(-1), corners, minlength=n)
         ends, lengths = self.mesh.diagonals()
@@ -168,19 +169,25 @@ class WaysAcrossOstia:
             mesh.twin[self._joined[hole]] = -1
             mesh.angles[rims[hole]] = np.inf
         self._opened = [seeds.hole[label] for label in (start, end) if label in seeds.hole]
-        n = len(self.surface.points)
         for label in (start, end):
             if label in seeds.hole:
                 hole = seeds.hole[label]
-                mesh.points[n + hole] = seeds.positions[label]
+                self._shape_cone(hole, seeds.positions[label])
                 inside, outside = self._joined[hole]
                 mesh.twin[inside], mesh.twin[outside] = outside, inside
-                fan = self._fans[hole]
-                mesh.apexes[self._cones[hole]] = apexes(mesh.points, fan)
-                # Corner 0 of each triangle is the seed, 2 its point on the rim, 1 the next point.
-                cone = corner_angles(mesh.points, fan).reshape(-1, 3)
-                mesh.angles[rims[hole]] = self._corner_sums[rims[hole]] + cone[:, 2] + np.roll(cone[:, 1], 1)
+                mesh.angles[rims[hole]] = self._rim_angles[hole]
         return mesh
+
+    def _shape_cone(self, hole: int, seed: FloatArray) -> None:
+        """Put the tip of a cone at a seed."""
+        mesh, rim, fan = self._covered, self._cavity.rims[hole], self._fans[hole]
+        tip = mesh.points[len(self.surface.points) + hole]
+        if not np.array_equal(tip, seed):
+            tip[:] = seed
+            mesh.apexes[self._cones[hole]] = apexes(mesh.points, fan)
+            # Corner 0 of each triangle is the seed, 2 its point on the rim, 1 the next point.
+            cone = corner_angles(mesh.points, fan).reshape(-1, 3)
+            self._rim_angles[hole] = self._corner_sums[rim] + cone[:, 2] + np.roll(cone[:, 1], 1)
 
     def _find(self, seeds: SnappedSeeds, start: str, end: str) -> Walk | None:
         last, length = self._last(seeds, start, end)
@@ -322,7 +329,7 @@ def _other_valleys(
     band = np.floor(share[near] * BANDS).astype(np.int64)
     between = (band > 0) & (band < BANDS - 1)
     near, band = near[between], band[between]
-    apart = line.query(surface.points[near])[0] >= APART_MM
+    apart = np.isinf(line.query(surface.points[near], distance_upper_bound=APART_MM)[0])
     one, other = _edges_among(graph, near)
     inside = (band[one] == band[other]) & apart[one]
     one, other = one[inside], other[inside]
@@ -334,8 +341,10 @@ def _other_valleys(
         kept = possible[one] & possible[other]
         to_line = kept & ~apart[other]
         kept &= apart[other]
-        joined = sparse.coo_matrix((np.ones(kept.sum(), np.int8), (one[kept], other[kept])), shape=2 * near.shape)
-        valley = connected_components(joined, directed=False)[1]
+        starts = np.searchsorted(one[kept], np.arange(len(near) + 1))
+        joined = sparse.csr_matrix((np.ones(starts[-1]), other[kept], starts), shape=2 * near.shape)
+        # (Every edge is there both ways, so that weak and strong components are the same, and these are found sooner.)
+        valley = connected_components(joined, connection="strong")[1]
         candidates = np.setdiff1d(valley[possible & apart], valley[one[to_line]])
         for k in candidates:
             inside = near[valley == k]

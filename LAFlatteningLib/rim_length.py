@@ -10,6 +10,9 @@ from .surface import FloatArray
 SMOOTHING_MM = 2.5
 """Rims are smoothed over this length (standard deviation of a Gaussian), before lengths along them are measured."""
 
+GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)
+"""For integrals over a side."""
+
 
 def rim_lengths(points: FloatArray) -> FloatArray:
     """Length along a rim from its first point to each of its points and once round, (k + 1,), mm.
@@ -41,10 +44,9 @@ def rim_lengths(points: FloatArray) -> FloatArray:
     factor = np.exp(-0.5 * (SMOOTHING_MM * frequency) ** 2) / frequency
     # (The rim is closed: the mean of its direction is 0.)
     coefficients = (2j / raw[-1] * factor)[:, None] * (steps @ directions)
-    nodes, weights = np.polynomial.legendre.leggauss(4)
-    at = (raw[:-1, None] + 0.5 * length[:, None] * (1.0 + nodes)).reshape(-1)
+    at = (raw[:-1, None] + 0.5 * length[:, None] * (1.0 + GAUSS_NODES)).reshape(-1)
     smoothed = (_harmonics(frequency[0] * at, count).T @ coefficients).real
-    along = 0.5 * length * (np.linalg.norm(smoothed, axis=1).reshape(-1, 4) @ weights)
+    along = 0.5 * length * (np.linalg.norm(smoothed, axis=1).reshape(-1, 4) @ GAUSS_WEIGHTS)
     # Never without length, so that no two points fall together.
     return np.concatenate([[0.0], np.cumsum(np.maximum(along, 1e-3 * length))])
 

@@ -107,6 +107,11 @@ class Surface:
         return topology.edges(self.triangles)
 
     @cached_property
+    def edge_keys(self) -> IntArray:
+        """(e,) one number an edge, rising: smaller id times the number of points, plus larger id."""
+        return self.edges.points[:, 0] * len(self.points) + self.edges.points[:, 1]
+
+    @cached_property
     def boundary_loops(self) -> list[IntArray]:
         """Rims as ordered point ids, longest first, surface on their left; see `topology.boundary_loops`."""
         return topology.boundary_loops(self.triangles, self.edges)
