@@ -18,6 +18,10 @@ except ImportError:  # an optional extra
     _cholmod = None
 
 
+SIMPLICIAL = 200_000
+"""Rows up to which CHOLMOD goes column by column: on meshes half the time of blocks, which win on larger ones."""
+
+
 def solver_name() -> str:
     """What factorises: "CHOLMOD" where the optional package scikit-sparse is installed, otherwise "SuperLU" (scipy)."""
     return "SuperLU" if _cholmod is None else "CHOLMOD"
@@ -103,7 +107,11 @@ class _Cholmod:
     def __init__(self, matrix: sparse.csc_matrix, find_order: bool) -> None:
         assert _cholmod is not None
         try:
-            self._factor = _cholmod.cholesky(matrix, ordering_method="default" if find_order else "natural")
+            self._factor = _cholmod.cholesky(
+                matrix,
+                mode="simplicial" if matrix.shape[0] <= SIMPLICIAL else "auto",
+                ordering_method="default" if find_order else "natural",
+            )
         except _cholmod.CholmodError as error:
             raise np.linalg.LinAlgError(str(error)) from error
 
