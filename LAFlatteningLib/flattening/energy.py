@@ -241,7 +241,7 @@ class PatchEnergy:
         """A stand-in for the inverse of the Hessian that knows nothing of the map: the inverse of the Dirichlet
         energy of the rest shapes. For maps that are still folded."""
         base, x, height = self._rest.T
-        weight = _cotangents(base, np.zeros_like(base), x, height) * self._weights[:, None]
+        weight = _cotangents(base, np.zeros_like(base), x, height) * self._weights
         return self._inverse(self._pattern.edge_weights(weight))
 
     def preconditioner(self, variables: FloatArray) -> Factorisation:
@@ -275,7 +275,7 @@ class PatchEnergy:
         det = np.maximum(columns.det, FLATTEST)
         mips = np.minimum(0.5 * columns.squared() / det, STIFFEST)
         stiffness = self._weights * (2.0 * mips) ** 2 / (self._rest[:, 0] * self._rest[:, 2] * det)
-        return self._pattern.edge_weights(_cotangents(*sides) * stiffness[:, None])
+        return self._pattern.edge_weights(_cotangents(*sides) * stiffness)
 
     def _inverse(self, edge: FloatArray) -> Factorisation:
         # Single precision: its solutions are directions of steps, the gradient is exact.
@@ -306,7 +306,7 @@ class PatchEnergy:
         by_d = areas * (1.0 - inverse**2) - by_s * mips
         by_ss = 2.0 * weights * inverse**2
         by_sd = -by_ss * (mips + excess)
-        by_dd = by_ss * mips * (mips + 2.0 * excess) + 2.0 * areas * inverse**3
+        by_dd = by_ss * mips * (mips + 2.0 * excess) + 2.0 * areas * inverse * inverse**2
         # By |a|^2 twice, by |b|^2 twice, by both.
         by_aa, by_bb, by_ab = by_ss + 2.0 * by_sd + by_dd, by_ss - 2.0 * by_sd + by_dd, by_ss - by_dd
         # With da and db their changes, the second derivative of |a|^2 is 2 |da|^2 and the first 2 Re(conj(a) da);
@@ -318,13 +318,13 @@ class PatchEnergy:
         # da is the sum over the corners of share * dz, db that of conj(share) * dz.
         u, v = 0.5 * (self._p - 1j * self._q), -0.5j * self._r
         shares = (-u - v, u, v)
-        direct, mirrored = np.empty((2, len(self._p), 3), complex)
+        direct, mirrored = np.empty((2, 3, len(self._p)), complex)
         for k in range(3):
             one, two = shares[(k + 1) % 3], shares[(k + 2) % 3]
             product, turned = one * two, one * two.conj()
-            direct[:, k].real = (along_a + along_b) * turned.real + (across * product).real
-            direct[:, k].imag = (along_a - along_b) * turned.imag
-            mirrored[:, k] = twice_a * product + twice_b * product.conj() + along * turned.real
+            direct[k].real = (along_a + along_b) * turned.real + (across * product).real
+            direct[k].imag = (along_a - along_b) * turned.imag
+            mirrored[k] = twice_a * product + twice_b * product.conj() + along * turned.real
         return HessianSolver(self._pattern_in(order).block_matrix(direct, mirrored), order)
 
     @cached_property
@@ -363,8 +363,8 @@ class HessianSolver:
 
 
 def _cotangents(ux: FloatArray, uy: FloatArray, vx: FloatArray, vy: FloatArray) -> FloatArray:
-    """Cotangent of the angle at each corner of triangles with these sides u, v at corner 0, (k, 3); at least 0.05, for
+    """Cotangent of the angle at each corner of triangles with these sides u, v at corner 0, (3, k); at least 0.05, for
     obtuse triangles must not make a matrix indefinite."""
     uu, vv, uv = ux * ux + uy * uy, vx * vx + vy * vy, ux * vx + uy * vy
     area = np.maximum(np.abs(ux * vy - uy * vx), 1e-10 * np.maximum(uu, vv))
-    return np.maximum(np.stack([uv, uu - uv, vv - uv], axis=1) / area[:, None], 0.05)
+    return np.maximum(np.stack([uv, uu - uv, vv - uv]) / area, 0.05)

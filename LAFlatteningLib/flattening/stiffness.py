@@ -25,13 +25,13 @@ class StiffnessPattern:
     def __init__(self, corners: IntArray, variables: int, mesh_edges: IntArray | None = None) -> None:
         if mesh_edges is None:
             mesh_edges = topology.edges(corners).of_triangle
-        of_corner = np.ascontiguousarray(mesh_edges).reshape(-1)
+        of_corner = np.ascontiguousarray(mesh_edges.T).reshape(-1)
         seen = np.zeros(int(of_corner.max(initial=-1)) + 1, np.int64)
         seen[of_corner] = 1
         self._edge_of_corner = (np.cumsum(seen) - 1)[of_corner]
         # The ends of each edge, as the last triangle on it has them.
         ends = np.empty((int(seen.sum()), 2), np.int64)
-        first, second = corners[:, [1, 2, 0]].reshape(-1), corners[:, [2, 0, 1]].reshape(-1)
+        first, second = corners.T[[1, 2, 0]].reshape(-1), corners.T[[2, 0, 1]].reshape(-1)
         ends[self._edge_of_corner, 0], ends[self._edge_of_corner, 1] = first, second
         self._a, self._b = np.ascontiguousarray(ends[:, 0]), np.ascontiguousarray(ends[:, 1])
         self._turned = self._a[self._edge_of_corner] != first
@@ -46,7 +46,7 @@ class StiffnessPattern:
         self._entry, self._structure = places.data, (places.indices, places.indptr)
 
     def edge_weights(self, weight: FloatArray) -> FloatArray:
-        """Of each edge, from weights (k, 3) of the edges opposite each corner: half their sum, as in a Laplacian."""
+        """Of each edge, from weights (3, k) of the edges opposite each corner: half their sum, as in a Laplacian."""
         return 0.5 * self._on_edges(weight)
 
     def matrix(self, edge: FloatArray) -> sparse.csc_matrix:
@@ -74,7 +74,7 @@ class StiffnessPattern:
 
         Parameters
         ----------
-        direct, mirrored : (k, 3) of the edge opposite each corner, from i = its corner k + 1 to j = its corner k + 2:
+        direct, mirrored : (3, k) of the edge opposite each corner, from i = its corner k + 1 to j = its corner k + 2:
             displacements z of the points, as complex numbers, change the derivatives as the form with the terms
             Re(direct z_i conj(z_j) + mirrored z_i z_j).
         """
@@ -96,7 +96,7 @@ class StiffnessPattern:
         return sparse.csc_matrix((rows.data, rows.indices, rows.indptr), shape=(2 * v, 2 * v))
 
     def _on_edges(self, values: FloatArray) -> FloatArray:
-        """The sum over the triangles on each edge, of values (k, 3) for the edges opposite their corners."""
+        """The sum over the triangles on each edge, of values (3, k) for the edges opposite their corners."""
         sums = np.bincount(self._edge_of_corner, values.reshape(-1), minlength=len(self._a))
         return sums.astype(np.float64, copy=False)
 
