@@ -38,6 +38,17 @@ def test_factorisation_solves():
     assert np.array_equal(again.order, first.order)
 
 
+@pytest.mark.parametrize("size", [1.0, 1e-60, 1e60, 0.0])
+def test_single_precision_keeps_numbers_of_any_size(size):
+    rng = np.random.default_rng(0)
+    matrix = (sparse.eye(50) * 4.0 + sparse.random(50, 50, 0.05, random_state=2)).tocsc()
+    matrix = (matrix @ matrix.T).tocsc()
+    right = size * rng.standard_normal((50, 2))
+    result = Factorisation(matrix, single=True).solve(right)
+    assert result.dtype == np.float64
+    np.testing.assert_allclose(result, np.linalg.solve(matrix.toarray(), right), rtol=1e-3, atol=1e-5 * size)
+
+
 def test_annulus_has_the_known_harmonic_map():
     """Rims of radii 1 and 3 mapped to radii 1 and 2: the harmonic map is (a r + b / r) e^(i angle)."""
     b = (2 - 3) / (1 / 3 - 3)
