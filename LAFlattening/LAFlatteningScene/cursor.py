@@ -57,7 +57,7 @@ class Correspondence:
 
     def __init__(self, surfaceNode: ModelNode, mapNode: ModelNode) -> None:
         self.surfaceNode, self.mapNode = surfaceNode, mapNode
-        self._key: tuple[int, ...] | None = None
+        self._keys: dict[str, tuple[int, ...]] = {}
         self._points: dict[str, np.ndarray] = {}
         self._triangles = np.zeros((0, 3), np.int64)
         self._locators: dict[str, vtk.vtkStaticCellLocator] = {}
@@ -95,30 +95,24 @@ class Correspondence:
         ids = flat.GetPointData().GetArray(POINT_ID_ARRAY)
         if ids is None or ids.GetRange()[1] >= surface.GetNumberOfPoints():
             return False
-        key = tuple(
-            value
-            for node, mesh in ((self.surfaceNode, surface), (self.mapNode, flat))
-            for value in (
-                mesh.GetPoints().GetMTime(),
-                mesh.GetPolys().GetMTime(),
-                _transformTime(node.GetParentTransformNode()),
-            )
-        )
-        if key == self._key:
-            return True
-        self._triangles = vtk_to_numpy(flat.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(np.int64)
-        self._points = {"atrium": worldPoints(self.surfaceNode)[vtk_to_numpy(ids)], "map": worldPoints(self.mapNode)}
-        for name, points in self._points.items():
-            mesh = vtk.vtkPolyData()
+        for name, node, mesh in (("atrium", self.surfaceNode, surface), ("map", self.mapNode, flat)):
+            # While a seed is dragged, only the points of the map change.
+            parts = (mesh.GetPoints(), flat.GetPolys(), ids)
+            key = (*(part.GetMTime() for part in parts), _transformTime(node.GetParentTransformNode()))
+            if key == self._keys.get(name):
+                continue
+            self._triangles = vtk_to_numpy(flat.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(np.int64)
+            points = worldPoints(node)
+            self._points[name] = points[vtk_to_numpy(ids)] if name == "atrium" else points
+            located = vtk.vtkPolyData()
             vtkPoints = vtk.vtkPoints()
-            vtkPoints.SetData(numpy_to_vtk(points, deep=True))
-            mesh.SetPoints(vtkPoints)
-            mesh.SetPolys(flat.GetPolys())
-            locator = vtk.vtkStaticCellLocator()
-            locator.SetDataSet(mesh)
-            locator.BuildLocator()
-            self._locators[name] = locator
-        self._key = key
+            vtkPoints.SetData(numpy_to_vtk(self._points[name], deep=True))
+            located.SetPoints(vtkPoints)
+            located.SetPolys(flat.GetPolys())
+            self._locators[name] = vtk.vtkStaticCellLocator()
+            self._locators[name].SetDataSet(located)
+            self._locators[name].BuildLocator()
+            self._keys[name] = key
         return True
 
 
