@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 from scipy.ndimage import minimum_filter1d
 from scipy.sparse.csgraph import connected_components
@@ -210,11 +211,9 @@ class WaysAcrossOstia:
         back = self._tree(seeds, end, np.inf if end in seeds.hole else (1.0 + max(*DETOURS, FOOT_DETOUR)) * length)
         # Along edges, ways look longer than they are, and unevenly so: lines that leave a rim elsewhere, or on either
         # side of the one found, may be shorter.
-        # (The last entry of a tree is its seed.)
-        through = (out.distance + back.distance)[:-1]
-        share = out.distance[:-1] / np.maximum(through, 1e-12)
         tried = [cKDTree(best.positions(mesh.points))]
-        valleys = _other_valleys(self.surface, self._graph, through, share, tried[0])
+        # (The last entry of a tree is its seed.)
+        valleys = _other_valleys(self.surface, self._graph, out.distance[:-1], back.distance[:-1], tried[0])
         ways = [(point, [*_path(out, point), *_path(back, point)[-2::-1]]) for point in valleys]
         ways += [(point, _path(back, point)[::-1]) for point in self._other_feet(seeds, start, direct[0], back)]
         ways += [(point, _path(out, point)) for point in self._other_feet(seeds, end, direct[-1], out)]
@@ -312,27 +311,27 @@ def _without_loops(path: list[int]) -> list[int]:
 
 
 def _other_valleys(
-    surface: Surface, graph: sparse.csr_matrix, through: FloatArray, share: FloatArray, line: cKDTree
+    surface: Surface, graph: sparse.csr_matrix, out: FloatArray, back: FloatArray, line: cKDTree
 ) -> list[int]:
     """A point in each place, apart from a line, through which ways are little longer and that a ridge parts from it.
 
     Parameters
     ----------
     graph : edges between the points of the surface.
-    through : (n,) length of the shortest way along edges through each point, mm.
-    share : (n,) how much of it is behind at the point, 0 to 1.
+    out, back : (n,) length of the shortest way along edges to each point from either end, mm.
     line : the line that was found.
     """
+    through = out + back
     shortest = through.min()
     near = np.flatnonzero(through < (1.0 + max(DETOURS)) * shortest)
     # Slices across the way: in each, what is not joined to the line lies beyond a ridge or an opening.
-    band = np.floor(share[near] * BANDS).astype(np.int64)
+    band = np.floor(out[near] / np.maximum(through[near], 1e-12) * BANDS).astype(np.int64)
     between = (band > 0) & (band < BANDS - 1)
     near, band = near[between], band[between]
     apart = np.isinf(line.query(surface.points[near], distance_upper_bound=APART_MM)[0])
-    one, other = _edges_among(graph, near)
-    inside = (band[one] == band[other]) & apart[one]
-    one, other = one[inside], other[inside]
+    one, other = _edges_among(graph, near, apart)
+    same = band[one] == band[other]
+    one, other = one[same], other[same]
     found: list[int] = []
     for detour in DETOURS:
         possible = through[near] < (1.0 + detour) * shortest
@@ -345,19 +344,28 @@ def _other_valleys(
         joined = sparse.csr_matrix((np.ones(starts[-1]), other[kept], starts), shape=2 * near.shape)
         # (Every edge is there both ways, so that weak and strong components are the same, and these are found sooner.)
         valley = connected_components(joined, connection="strong")[1]
-        candidates = np.setdiff1d(valley[possible & apart], valley[one[to_line]])
-        for k in candidates:
+        for k in np.setdiff1d(valley[possible & apart], valley[one[to_line]]):
             inside = near[valley == k]
             found.append(int(inside[through[inside].argmin()]))
     return sorted(found, key=lambda point: float(through[point]))
 
 
-def _edges_among(graph: sparse.csr_matrix, points: IntArray) -> tuple[IntArray, IntArray]:
-    """The edges of a graph between some of its points, both ways: indices of their ends among these points."""
+def _edges_among(graph: sparse.csr_matrix, points: IntArray, leaving: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
+    """The edges of a graph from some of its points to these and others.
+
+    Parameters
+    ----------
+    points : the points, all together.
+    leaving : those of them from which the edges lead.
+
+    Returns
+    -------
+    one, other : indices of the ends of each edge among the points, `one` rising.
+    """
     number = np.full(graph.shape[0], -1)
     number[points] = np.arange(len(points))
-    first, count = graph.indptr[points], np.diff(graph.indptr)[points]
-    one = np.repeat(np.arange(len(points)), count)
+    first, count = graph.indptr[points[leaving]], np.diff(graph.indptr)[points[leaving]]
+    one = np.repeat(np.flatnonzero(leaving), count)
     other = number[graph.indices[np.arange(len(one)) + np.repeat(first - np.cumsum(count) + count, count)]]
     return one[other >= 0], other[other >= 0]
 
