@@ -128,19 +128,22 @@ def _trim(mesh: HalfEdges, start: Place, stop: Place, strip: list[int]) -> list[
 
 def make_line(mesh: HalfEdges, start: Place, stop: Place, strip: Sequence[int] | IntArray, share: FloatArray) -> Line:
     """The line that crosses a strip at given shares of its half-edges."""
-    ends = np.empty((len(strip) + 2, 2), np.int64)
+    crossed = np.empty(len(strip) + 2, np.int64)
     shares = np.empty(len(strip) + 2)
-    ends[1:-1], shares[1:-1] = mesh.ends(strip) if len(strip) else np.zeros((0, 2), np.int64), share
-    for k, place in ((0, start), (-1, stop)):
-        ends[k] = mesh.origin[place.half_edge], mesh.end(place.half_edge)
-        shares[k] = place.share
+    crossed[0], crossed[1:-1], crossed[-1] = start.half_edge, strip, stop.half_edge
+    shares[0], shares[1:-1], shares[-1] = start.share, share, stop.share
+    ends = mesh.ends(crossed)
     at_first, at_second = shares <= AT_POINT, shares >= 1.0 - AT_POINT
     ends[at_first, 1] = ends[at_first, 0]
     ends[at_second, 0] = ends[at_second, 1]
-    shares[at_first | at_second] = 0.0
+    at_point = at_first | at_second
+    shares[at_point] = 0.0
     # Turning round a point, a line stays at it.
-    new = np.append(True, (ends[1:] != ends[:-1]).any(axis=1) | (ends[1:, 0] != ends[1:, 1]))
-    return Line(ends[new], shares[new], tuple(int(h) for h in strip), share)
+    stays = at_point[1:] & at_point[:-1] & (ends[1:, 0] == ends[:-1, 0])
+    if stays.any():
+        new = np.append(True, ~stays)
+        ends, shares = ends[new], shares[new]
+    return Line(ends, shares, tuple(crossed[1:-1].tolist()), share)
 
 
 @dataclass(frozen=True, eq=False)

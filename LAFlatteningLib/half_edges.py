@@ -65,7 +65,9 @@ class HalfEdges:
     def ends(self, strip: Sequence[int] | IntArray) -> IntArray:
         """(k, 2) both points of each half-edge: where it starts (right of the walk) and ends (left of it)."""
         h = np.asarray(strip, np.int64)
-        return np.stack([self.origin[h], self.origin[np.where(h % 3 < 2, h + 1, h - 2)]], axis=1)
+        ends = np.empty((len(h), 2), np.int64)
+        ends[:, 0], ends[:, 1] = self.origin[h], self.origin[h + 1 - 3 * (h % 3 == 2)]
+        return ends
 
     @property
     def edge_keys(self) -> IntArray:
@@ -226,11 +228,10 @@ def apexes(points: FloatArray, triangles: IntArray) -> NDArray[np.complex128]:
     -------
     (3m,) in the order of the half-edges; not finite for half-edges without length.
     """
-    a = points[triangles]
-    along = np.roll(a, -1, axis=1) - a
-    other = -np.roll(along, 1, axis=1)
+    along = np.roll(points[triangles], -1, axis=1)
+    along -= points[triangles]
     squared = np.einsum("tki,tki->tk", along, along)
-    x = np.einsum("tki,tki->tk", along, other)
+    x = -np.einsum("tki,tki->tk", along, np.roll(along, 1, axis=1))
     y = np.sqrt(np.maximum(squared * np.roll(squared, 1, axis=1) - x * x, 0.0))
     with np.errstate(divide="ignore", invalid="ignore"):
         return ((x + 1j * y) / squared).reshape(-1)

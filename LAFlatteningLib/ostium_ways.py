@@ -82,6 +82,9 @@ class WaysAcrossOstia:
             np.concatenate([self.mesh.angles, np.full(len(cavity.rims), np.inf)]),
             first,
         )
+        # (One array for both.)
+        self._covered.apexes = np.append(self.mesh.apexes, np.full(len(twin) - 3 * m, np.nan))
+        self.mesh.apexes = self._covered.apexes[: 3 * m]
         self._opened: list[int] = []
         self._rim_angles: dict[int, FloatArray] = {}
         corners = corner_angles(surface.points, surface.triangles)
@@ -94,6 +97,7 @@ class WaysAcrossOstia:
         room = np.zeros(max(2, *map(len, cavity.rims)))
         self._lengths = np.append(self._graph.data, room)
         self._ends = np.append(self._graph.indices, room.astype(self._graph.indices.dtype))
+        self._arounds: dict[str, tuple[bytes, IntArray, FloatArray]] = {}
         self._trees: dict[str, tuple[bytes, PathTree]] = {}
         self._walks: dict[tuple[str, str], tuple[bytes, Walk | None]] = {}
 
@@ -147,15 +151,19 @@ class WaysAcrossOstia:
 
     def _around(self, seeds: SnappedSeeds, label: str) -> tuple[IntArray, FloatArray]:
         """The points of the cavity that can be reached straight from a seed, and how far they are, mm."""
-        if label in seeds.hole:
-            near = self._cavity.rims[seeds.hole[label]]
-        elif label in seeds.landmark:
-            near = np.array([seeds.landmark[label]], np.int64)
-        else:
-            outer = self._cavity.outer
-            first = int(seeds.outer_at[label])
-            near = outer[[first, (first + 1) % len(outer)]]
-        return near, np.linalg.norm(self.surface.points[near] - seeds.positions[label], axis=1)
+        key = self._key(seeds, label)
+        if label not in self._arounds or self._arounds[label][0] != key:
+            if label in seeds.hole:
+                near = self._cavity.rims[seeds.hole[label]]
+            elif label in seeds.landmark:
+                near = np.array([seeds.landmark[label]], np.int64)
+            else:
+                outer = self._cavity.outer
+                first = int(seeds.outer_at[label])
+                near = outer[[first, (first + 1) % len(outer)]]
+            far = np.linalg.norm(self.surface.points[near] - seeds.positions[label], axis=1)
+            self._arounds[label] = key, near, far
+        return self._arounds[label][1:]
 
     def _last(self, seeds: SnappedSeeds, start: str, end: str) -> tuple[int, float]:
         """The last point of the cavity on the edge path from one seed to another, and the length of that path, mm."""
