@@ -14,6 +14,10 @@ _MEMORY = 5
 """Pairs of steps that the quasi-Newton method remembers."""
 
 
+NOISE = 1e-13
+"""Differences of the function smaller than this share of it are rounding: near the minimum they must not shorten steps."""
+
+
 class Solver(Protocol):
     """A matrix ready to be solved with: `solvers.Factorisation`, the same for both coordinates, or one for both."""
 
@@ -83,7 +87,7 @@ def descend(
         while True:
             trial = variables + length * direction
             new_value, new_gradient = function(trial)
-            if new_value <= value + 1e-4 * length * slope:
+            if new_value <= value + 1e-4 * length * slope + NOISE * abs(value):
                 break
             length *= 0.5
             if not length * float(np.abs(direction).max()) >= 1e-9 * reach:
