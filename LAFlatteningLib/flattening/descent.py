@@ -15,7 +15,8 @@ _MEMORY = 5
 
 
 NOISE = 1e-13
-"""Differences of the function smaller than this share of it are rounding: near the minimum they must not shorten steps."""
+"""Differences of the function smaller than this share of it are rounding, which must not shorten steps near the
+minimum."""
 
 
 class Solver(Protocol):
