@@ -39,7 +39,7 @@ def divide(surface: Surface, mesh: HalfEdges, connected: SeedPaths, template: Te
     Parameters
     ----------
     surface : the cavity (`Cavity.surface`, or the same points with some edges flipped).
-    mesh : its half-edges.
+    mesh : its half-edges, smoothed or not (`ostium_ways.WaysAcrossOstia`): paths are shortest on these.
     connected : the seeds joined by ways across the triangles of this surface (`ostium_ways.WaysAcrossOstia`).
 
     Raises
@@ -47,7 +47,7 @@ def divide(surface: Surface, mesh: HalfEdges, connected: SeedPaths, template: Te
     SeedError : if a path has to go far out of its way, or cannot pass at all.
     """
     anatomy = template.anatomy
-    rims = {o: _Rim(mesh, connected.loops[o], o == anatomy.outer) for o in anatomy.openings}
+    rims = {o: _Rim(surface, mesh, connected.loops[o], o == anatomy.outer) for o in anatomy.openings}
     feet = {o: _feet(rims[o], connected, template, o) for o in anatomy.openings}
     feet = _untwisted(mesh, surface, rims, feet, connected, anatomy)
     landmarks = {name: int(connected.loops[name][0]) for name in anatomy.landmarks}
@@ -124,15 +124,19 @@ def _loops(
 class _Rim:
     """A rim with its length: coordinates along it are index in the loop plus share of the way to the next point."""
 
-    def __init__(self, mesh: HalfEdges, loop: IntArray, outer: bool) -> None:
+    def __init__(self, surface: Surface, mesh: HalfEdges, loop: IntArray, outer: bool) -> None:
         self.mesh, self.loop, self.outer = mesh, loop, outer
         self._index = np.arange(len(loop) + 1)
-        self._at = rim_lengths(mesh.points[loop])
+        self._at = rim_lengths(surface.points[loop])
         self.length = float(self._at[-1])
 
     def position(self, coordinate: float) -> float:
         """Length along the rim, mm."""
         return float(np.interp(coordinate, self._index, self._at))
+
+    def between(self, a: float, b: float) -> float:
+        """The way from one coordinate to another, the shorter way round: mm, positive along the rim."""
+        return (self.position(b) - self.position(a) + self.length / 2.0) % self.length - self.length / 2.0
 
     def coordinate(self, position: float) -> float:
         """The coordinate at a length along the rim, mm; at a point of the rim if it is all but there."""
@@ -189,12 +193,20 @@ def _feet(rim: _Rim, connected: SeedPaths, template: Template, opening: str) -> 
     """
     anatomy = template.anatomy
     order, feet = anatomy.feet(opening), connected.feet[opening]
+    mean = connected.mean_feet[opening]
     if opening == anatomy.outer:
         moved = {name: rim.coordinate(rim.position(feet[name])) for name in order}
         # Not onto one point of the rim.
         return moved if len(set(moved.values())) == len(moved) else {name: feet[name] for name in order}
-    first = rim.position(feet[order[0]])
-    along = np.array([(rim.position(feet[name]) - first) % rim.length for name in order])
+    # The order round the rim is that of the shortest ways, which has been checked. (Two are always in order.)
+    first = rim.position(mean[order[0]])
+    along = np.array([(rim.position(mean[name]) - first) % rim.length for name in order])
+    if len(order) > 2:
+        start = rim.position(feet[order[0]])
+        along = np.array(
+            [(rim.position(feet[name]) - start) % rim.length + rim.between(feet[name], mean[name]) for name in order]
+        )
+        along -= along[0]
     if template.rim(opening).spread_feet:
         arcs = np.diff(np.append(along, rim.length))
         along = np.append(0.0, np.cumsum(spread_lengths(arcs, template.rim(opening).shares(order)))[:-1])
@@ -229,7 +241,7 @@ def _untwisted(
         order, rim = anatomy.feet(opening), rims[opening]
         if len(order) != 2:
             continue
-        first, second = (rim.position(connected.feet[opening][name]) for name in order)
+        first, second = (rim.position(connected.mean_feet[opening][name]) for name in order)
         gap, least = (second - first) % rim.length, SMALLEST_ARC * rim.length
         if least <= gap <= rim.length - least:
             continue

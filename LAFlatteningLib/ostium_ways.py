@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -17,8 +18,11 @@ from .geodesic_lines import Line, Place, make_line, straighten
 from .geodesics import PathTree
 from .half_edges import HalfEdges, apexes, corner_angles
 from .insertion import meeting
+from .mean_feet import AS_SHORT, NEGLIGIBLE, mean_foot
+from .rim_length import rim_lengths, rim_perimeter
 from .seed_paths import Walk
 from .seeds import SnappedSeeds
+from .smoothing import smoothed_points
 from .surface import FloatArray, IntArray, Surface
 
 DETOURS = (0.007, 0.02)
@@ -34,6 +38,8 @@ BANDS = 8
 """Slices of the way in which they are looked for."""
 APART_MM = 3.0
 """And if they are this far from all lines tried, mm."""
+SMOOTHING = 0.01
+"""Lines are shortest on the surface smoothed over this share of the square root of its area (about 1 mm)."""
 
 
 class WaysAcrossOstia:
@@ -51,11 +57,22 @@ class WaysAcrossOstia:
     cavity : with its rims.
     surface : the cavity as it is flattened: the same points, some edges flipped
         (default: `Cavity.surface`).
+    smoothing : lines are shortest on the surface smoothed over this share of the square root of its area: teeth of
+        rims and bumps of the wall, between which lines jump when a seed moves, are gone there. 0: as it is.
+
+    Attributes
+    ----------
+    surface : as given.
+    mesh : the half-edges of the smoothed surface.
     """
 
-    def __init__(self, cavity: Cavity, surface: Surface | None = None) -> None:
+    def __init__(self, cavity: Cavity, surface: Surface | None = None, smoothing: float = SMOOTHING) -> None:
         surface = cavity.surface if surface is None else surface
         self._cavity, self.surface = cavity, surface
+        if smoothing > 0.0:
+            smoothed = smoothed_points(surface, smoothing * float(np.sqrt(surface.area)))
+            surface = Surface(smoothed, surface.triangles, space=surface.space)
+        self._smooth = surface
         self.mesh = HalfEdges.of(surface)
         n, m = len(surface.points), len(surface.triangles)
         self._fans = [np.stack([np.full(len(rim), n + k), np.roll(rim, -1), rim], axis=1) for k, rim in self._rims()]
@@ -82,6 +99,7 @@ class WaysAcrossOstia:
             np.concatenate([self.mesh.angles, np.full(len(cavity.rims), np.inf)]),
             first,
         )
+        self._unsmoothed = np.concatenate([self.surface.points, np.full((len(cavity.rims), 3), np.nan)])
         # (One array for both.)
         self._covered.apexes = np.append(self.mesh.apexes, np.full(len(twin) - 3 * m, np.nan))
         self.mesh.apexes = self._covered.apexes[: 3 * m]
@@ -94,9 +112,10 @@ class WaysAcrossOstia:
         # Both ways round a mesh edge are edges of the graph, and the ways straight across one: far less jagged paths.
         self._graph = (surface.edge_graph + (half + half.T)).tocsr()
         # With room for the edges of a seed.
-        room = np.zeros(max(2, *map(len, cavity.rims)))
+        room = np.zeros(max([2, *map(len, cavity.rims)]))
         self._lengths = np.append(self._graph.data, room)
         self._ends = np.append(self._graph.indices, room.astype(self._graph.indices.dtype))
+        self._rim_lengths: dict[int, tuple[FloatArray, float]] = {}
         self._arounds: dict[str, tuple[bytes, IntArray, FloatArray]] = {}
         self._trees: dict[str, tuple[bytes, PathTree]] = {}
         self._walks: dict[tuple[str, str], tuple[bytes, Walk | None]] = {}
@@ -161,7 +180,7 @@ class WaysAcrossOstia:
                 outer = self._cavity.outer
                 first = int(seeds.outer_at[label])
                 near = outer[[first, (first + 1) % len(outer)]]
-            far = np.linalg.norm(self.surface.points[near] - seeds.positions[label], axis=1)
+            far = np.linalg.norm(self._smooth.points[near] - seeds.positions[label], axis=1)
             self._arounds[label] = key, near, far
         return self._arounds[label][1:]
 
@@ -215,13 +234,17 @@ class WaysAcrossOstia:
             return straighten(mesh, begin, stop, strip)
 
         best = line_along(direct)
-        # (Nothing farther from the end than the detours allow is looked at; other ways start from the seeds of holes.)
-        back = self._tree(seeds, end, np.inf if end in seeds.hole else (1.0 + max(*DETOURS, FOOT_DETOUR)) * length)
+        # (Nothing farther from the end than the detours allow, or without weight in the mean, is looked at; other ways
+        # start from the seeds of holes.)
+        detour = max(*DETOURS, FOOT_DETOUR) * length
+        if start in seeds.hole:
+            detour = max(detour, NEGLIGIBLE * self._along(seeds.hole[start])[1])
+        back = self._tree(seeds, end, np.inf if end in seeds.hole else length + detour)
         # Along edges, ways look longer than they are, and unevenly so: lines that leave a rim elsewhere, or on either
         # side of the one found, may be shorter.
         tried = [cKDTree(best.positions(mesh.points))]
         # (The last entry of a tree is its seed.)
-        valleys = _other_valleys(self.surface, self._graph, out.distance[:-1], back.distance[:-1], tried[0])
+        valleys = _other_valleys(self._smooth, self._graph, out.distance[:-1], back.distance[:-1], tried[0])
         ways = [(point, [*_path(out, point), *_path(back, point)[-2::-1]]) for point in valleys]
         ways += [(point, _path(back, point)[::-1]) for point in self._other_feet(seeds, start, direct[0], back)]
         ways += [(point, _path(out, point)) for point in self._other_feet(seeds, end, direct[-1], out)]
@@ -234,7 +257,27 @@ class WaysAcrossOstia:
                 best = other
             if len(tried) > MOST_OTHERS:
                 break
-        return self._walk(seeds, start, end, best, mesh, m)
+        walk = self._walk(seeds, start, end, best, mesh, m)
+        means = (self._mean_foot(seeds, start, back), self._mean_foot(seeds, end, out))
+        return replace(walk, mean_feet=(means[0] or walk.feet[0], means[1] or walk.feet[1]))
+
+    def _mean_foot(self, seeds: SnappedSeeds, label: str, tree: PathTree) -> tuple[int, int, float] | None:
+        """Where ways from a far seed leave the rim round another seed in the mean; None where there is no such rim."""
+        if label not in seeds.hole:
+            return None
+        hole = seeds.hole[label]
+        rim, far = self._around(seeds, label)
+        at, as_short = self._along(hole)
+        mean = mean_foot(at, tree.distance[rim] + far, as_short)
+        index, share = divmod(float(np.interp(mean, at, np.arange(len(at)))), 1.0)
+        return int(rim[int(index) % len(rim)]), int(rim[(int(index) + 1) % len(rim)]), share
+
+    def _along(self, hole: int) -> tuple[FloatArray, float]:
+        """Length along a rim (`rim_length.rim_lengths`), and how much longer ways over it are as short, mm."""
+        if hole not in self._rim_lengths:
+            points = self.surface.points[self._cavity.rims[hole]]
+            self._rim_lengths[hole] = rim_lengths(points), AS_SHORT * rim_perimeter(points)
+        return self._rim_lengths[hole]
 
     def _other_feet(self, seeds: SnappedSeeds, label: str, foot: int, tree: PathTree) -> list[int]:
         """Points of the rim round a seed where the way from a far seed over them is shortest in their neighbourhood,
@@ -288,10 +331,12 @@ class WaysAcrossOstia:
             into = len(strip)
             place = self._place(seeds, end)
             feet.append((place.half_edge, place.share))
+        points = self._unsmoothed
+        points[len(self.surface.points) :] = mesh.points[len(self.surface.points) :]
         return Walk(
-            line.length(mesh.points),
+            line.length(points),
             (self._at(*feet[0]), self._at(*feet[1])),
-            line.positions(mesh.points),
+            line.positions(points),
             strip=tuple(strip[begin:into].tolist()),
             line=make_line(self.mesh, Place(*feet[0]), Place(*feet[1]), strip[begin:into], line.crossing[begin:into]),
         )

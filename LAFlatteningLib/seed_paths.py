@@ -26,6 +26,9 @@ FAR_SEED = 1.25
 """An outer seed whose path is longer than the shortest way to the rim by this factor makes a note (experts': 1.08)."""
 
 
+Feet = tuple[tuple[int, int, float], tuple[int, int, float]]
+
+
 @dataclass(frozen=True, eq=False)
 class Walk:
     """A way from one seed to another.
@@ -38,19 +41,22 @@ class Walk:
     positions : (k, 3) mm, from seed to seed.
     ids : for ways along edges: point ids in `Cavity.closed`.
     line, strip : for ways across triangles: the part over the cavity from foot to foot, and the half-edges it crosses.
+    mean_feet : for ways across triangles: where ways that are about as short leave the rims in the mean.
     """
 
     length: float
-    feet: tuple[tuple[int, int, float], tuple[int, int, float]]
+    feet: Feet
     positions: FloatArray
     ids: IntArray | None = None
     line: Line | None = None
     strip: tuple[int, ...] = ()
+    mean_feet: Feet | None = None
 
     def reversed(self) -> Walk:
         """The same way from its last seed to its first; `line` and `strip` stay as they are."""
         ids = None if self.ids is None else self.ids[::-1]
-        return replace(self, feet=self.feet[::-1], positions=self.positions[::-1], ids=ids)
+        mean = None if self.mean_feet is None else self.mean_feet[::-1]
+        return replace(self, feet=self.feet[::-1], positions=self.positions[::-1], ids=ids, mean_feet=mean)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,12 +69,14 @@ class SeedPaths:
     loops : opening -> its rim as ids of the cavity, counter-clockwise on the map; landmark -> its point.
     feet : opening or landmark -> path -> where the path leaves the cover (or where the seed is, on the outer rim):
         index in the loop, plus the share of the way to its next point.
+    mean_feet : likewise, where ways that are about as short leave it in the mean.
     notes : what is unusual about the seeds.
     """
 
     walks: Mapping[str, Walk]
     loops: Mapping[str, IntArray]
     feet: Mapping[str, Mapping[str, float]]
+    mean_feet: Mapping[str, Mapping[str, float]]
     notes: tuple[str, ...] = ()
 
     @property
@@ -169,6 +177,7 @@ def _connect(cavity: Cavity, seeds: SnappedSeeds, anatomy: Anatomy, ways: Ways) 
     # A landmark is like a rim of one point.
     loops.update({label: np.array([point], np.int64) for label, point in seeds.landmark.items()})
     feet: dict[str, dict[str, float]] = {opening: {} for opening in loops}
+    mean_feet: dict[str, dict[str, float]] = {opening: {} for opening in loops}
     walks = {}
     for name, (a, b) in anatomy.paths.items():
         forward = a not in anatomy.outer_seeds
@@ -176,15 +185,15 @@ def _connect(cavity: Cavity, seeds: SnappedSeeds, anatomy: Anatomy, ways: Ways) 
         if walk is None:
             raise SurfaceError(f"No path {name} from {a} to {b} on the surface: it is not connected.")
         walks[name] = walk if forward else walk.reversed()
-        for seed, foot in zip((a, b), walks[name].feet, strict=True):
+        for seed, foot, mean in zip((a, b), walks[name].feet, walks[name].mean_feet or walks[name].feet, strict=True):
             opening = anatomy.opening_of(seed)
-            at = _coordinate(loops[opening], *foot)
-            if at is None:
+            at, mean_at = _coordinate(loops[opening], *foot), _coordinate(loops[opening], *mean)
+            if at is None or mean_at is None:
                 raise SurfaceError(
                     f"Path {name} does not leave {opening} through its rim; check the cover of {opening}."
                 )
-            feet[opening][name] = at
-    return SeedPaths(walks, loops, feet)
+            feet[opening][name], mean_feet[opening][name] = at, mean_at
+    return SeedPaths(walks, loops, feet, mean_feet)
 
 
 def _coordinate(loop: IntArray, a: int, b: int, share: float) -> float | None:

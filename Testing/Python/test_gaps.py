@@ -457,7 +457,7 @@ def test_bad_input_is_refused(phantom_map, options, error, message):
     own = {
         "unknown": np.full(len(x), np.nan),
         "nothing": np.zeros(len(x)),
-        "open": near & ~((np.abs(x - 0.205) < 0.05) & (y > 0.128)),
+        "open": near & ~((np.abs(x - 0.205) < 0.05) & (y > 0.131)),
         "runs_into": near | ((np.hypot(x - 0.205, y + 0.10875) < 0.06) & (y > -0.12)),
     }
     data = MapData(whole.surface.with_data(own), whole.flat, whole.template)
