@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .half_edges import HalfEdges, before
+from .half_edges import HalfEdges, after
 from .surface import FloatArray, IntArray
 
 ComplexArray = NDArray[np.complex128]
@@ -210,23 +210,22 @@ def _unfold(
     right[1:] = np.cumsum(np.where(keeps_right, 0.0, across[:-1] * beyond[:-1]))
     left = right + across
 
-    def corners(h: int, portal: int, third: complex) -> dict[int, complex]:
-        return {
-            int(mesh.origin[strip[portal]]): complex(right[portal]),
-            mesh.end(strip[portal]): complex(left[portal]),
-            int(mesh.origin[before(h)]): complex(right[portal] + third * across[portal]),
-        }
-
-    first = corners(strip[0], 0, mesh.apexes[strip[0]])
-    last = corners(int(twins[-1]), -1, beyond[-1])
-    return left, right, keeps_right, _where(mesh, start, first), _where(mesh, stop, last)
+    first = _where(start, strip[0], 0j, 1.0 + 0j, complex(mesh.apexes[strip[0]]))
+    last = complex(left[-1]), complex(right[-1]), complex(right[-1] + across[-1] * beyond[-1])
+    return left, right, keeps_right, first, _where(stop, int(twins[-1]), *last)
 
 
-def _where(mesh: HalfEdges, place: Place, corners: dict[int, complex]) -> complex:
-    at = corners[int(mesh.origin[place.half_edge])]
+def _where(place: Place, h: int, a: complex, b: complex, c: complex) -> complex:
+    """Where the place at an end of a line is in the plane.
+
+    Parameters
+    ----------
+    h, a, b, c : the half-edge through which the line leaves or enters the triangle there, where that starts and ends in
+        the plane, and the third point of the triangle. A place that is a point of the mesh is that one.
+    """
     if place.share == 0.0:
-        return at
-    return at + place.share * (corners[mesh.end(place.half_edge)] - at)
+        return c
+    return b + place.share * (c - b) if place.half_edge == after(h) else c + place.share * (a - c)
 
 
 def _cross(a: ComplexArray, b: ComplexArray) -> FloatArray:

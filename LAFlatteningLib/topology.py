@@ -48,22 +48,25 @@ def edges(triangles: IntArray) -> Edges:
     corners = np.ascontiguousarray(triangles.T)
     start, end = corners[[1, 2, 0]].reshape(-1), corners[[2, 0, 1]].reshape(-1)
     low, high = np.minimum(start, end), np.maximum(start, end)
-    # One 64-bit key an edge sorts faster than rows.
-    key = low * (int(triangles.max()) + 1 if m else 0) + high
-    order = np.argsort(key)
-    ordered = key[order]
+    n = int(triangles.max()) + 1 if m else 0
+    key = low * n + high
+    bits = (3 * m).bit_length()
+    if (n * n).bit_length() + bits < 64:
+        # Edge and half-edge as one number sort several times faster than rows, or than looking up in which order.
+        ordered = np.sort((key << bits) | np.arange(3 * m))
+        order, ordered = ordered & ((1 << bits) - 1), ordered >> bits
+    else:
+        order = np.argsort(key, kind="stable")
+        ordered = key[order]
     first = np.ones(3 * m, bool)
     np.not_equal(ordered[1:], ordered[:-1], out=first[1:])
     starts = np.flatnonzero(first)
     count = np.diff(starts, append=3 * m)
     edge_of_half = np.empty(3 * m, np.int64)
     edge_of_half[order] = np.cumsum(first) - 1
-    # The sort is not stable, so that it is fast: put the two half-edges in order here.
     one, other = order[starts], order[np.minimum(starts + 1, 3 * m - 1)]
-    shared = count > 1
-    pair = np.empty((len(starts), 2), np.int64)
-    pair[:, 0] = np.where(shared, np.minimum(one, other), one) % max(m, 1)
-    pair[:, 1] = np.where(shared, np.maximum(one, other) % max(m, 1), -1)
+    pair = np.stack([one, np.where(count > 1, other, -1)], axis=1)
+    pair[pair >= m] %= max(m, 1)
     return Edges(np.stack([low[one], high[one]], axis=1), edge_of_half.reshape(3, m).T, pair, count)
 
 

@@ -11,6 +11,7 @@ from LAFlatteningLib.geodesics import PathTree
 from LAFlatteningLib.half_edges import HalfEdges
 from LAFlatteningLib.insertion import Inserted, chord_triangles, edges_of, insert_lines, meeting
 from LAFlatteningLib.operators import signed_areas
+from LAFlatteningLib.surface import Surface
 
 
 def cut(inserted):
@@ -100,6 +101,36 @@ def test_one_line_across_one_triangle():
     crossed = next(t for t in range(2) if 1 in surface.triangles[t])
     assert counts[crossed] == 3
     assert counts[1 - crossed] == 2
+
+
+def sharpest(points, triangles):
+    """Twice the smallest area over the longest side squared."""
+    a, b, c = points[np.array(triangles)].swapaxes(0, 1)
+    sides = np.max([np.sum((p - q) ** 2, axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
+    return (np.linalg.norm(np.cross(b - a, c - a), axis=1) / sides).min()
+
+
+@pytest.mark.parametrize("corner", range(3))
+def test_four_corners_behind_a_line_are_cut_the_better_way(corner):
+    rng = np.random.default_rng(corner)
+    chosen = set()
+    for _ in range(60):
+        points = np.append(rng.uniform(0.0, 4.0, (3, 2)), np.zeros((3, 1)), axis=1)
+        triangle = np.array([[0, 1, 2]])
+        forward = signed_areas(points[:, :2], triangle)[0] > 0.0
+        surface = Surface(points, triangle if forward else triangle[:, ::-1])
+        c, p, q = np.roll(surface.triangles[0], -corner)
+        shares = rng.uniform(0.02, 0.98, 2)
+        line = Line(np.array([[c, p], [c, q]]), shares, (), np.zeros(0))
+        inserted = insert_lines(Inserted.of(surface), {"a": line})
+        assert_inserted(surface, inserted, {"a": line})
+        made, (u, v) = inserted.surface, inserted.lines["a"]
+        behind = [triangle for triangle in made.triangles.tolist() if c not in triangle]
+        both = [[[u, p, q], [u, q, v]], [[p, q, v], [u, p, v]]]
+        quality = [sharpest(made.points, cut) for cut in both]
+        assert sharpest(made.points, behind) == pytest.approx(max(quality), rel=1e-9)
+        chosen.add(int(np.argmax(quality)))
+    assert chosen == {0, 1}
 
 
 @pytest.mark.parametrize("seed", range(12))

@@ -58,6 +58,24 @@ def test_edges_know_their_triangles():
             assert set(edges.points[edges.of_triangle[t, k]]) == set(corners) - {corners[k]}
 
 
+@pytest.mark.parametrize("first_id", [0, 3_000_000_000])
+@pytest.mark.parametrize("count", [1, 12, 40, 150])
+def test_edges_of_any_triangles(first_id, count):
+    # Edges with many triangles among them; and ids so large that they sort the other way.
+    rng = np.random.default_rng(count)
+    triangles = np.array([rng.choice(9, 3, replace=False) for _ in range(count)]) + first_id
+    edges = topology.edges(triangles)
+    uses = {}
+    for k in range(3):
+        for t, corners in enumerate(triangles.tolist()):
+            uses.setdefault(tuple(sorted((corners[(k + 1) % 3], corners[(k + 2) % 3]))), []).append((t, k))
+    assert [tuple(ends) for ends in edges.points.tolist()] == sorted(uses)
+    for e, ends in enumerate(sorted(uses)):
+        assert edges.usage[e] == len(uses[ends])
+        assert edges.triangles[e].tolist() == ([t for t, _ in uses[ends]] + [-1])[:2]
+        assert all(edges.of_triangle[t, k] == e for t, k in uses[ends])
+
+
 def test_non_manifold_points_are_found():
     assert meshes.tetrahedra_sharing_a_point().non_manifold_points.tolist() == [0]
     three_on_an_edge = Surface(
