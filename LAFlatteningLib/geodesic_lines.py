@@ -179,7 +179,9 @@ class _String:
         for portal, is_left in self.corners:
             share[portal] = 1.0 if is_left else 0.0
         # A line along an edge: any place on it will do, the nearest end is one.
-        return np.clip(np.where(np.isfinite(share), share, 0.5), 0.0, 1.0)
+        share = np.where(np.isfinite(share), share, 0.5)
+        # At a point to the last bit, so that lines which leave a rim at one point have one foot.
+        return np.where(share <= AT_POINT, 0.0, np.where(share >= 1.0 - AT_POINT, 1.0, share))
 
 
 def _pull(mesh: HalfEdges, start: Place, stop: Place, strip: list[int]) -> _String:
