@@ -25,6 +25,8 @@ from .template import Template
 DETOUR = 1.5
 """A path that must go this much farther (plus `DETOUR_MM`) to keep clear of the others shows misplaced seeds."""
 DETOUR_MM = 5.0
+SAME_PLACE = 1e-9
+"""Places of a rim nearer to each other than this share of its length are one."""
 SMALLEST_ARC = 0.05
 """Feet on the rim of a hole are kept apart by this share of its length."""
 CLEARANCE = 0.25
@@ -134,6 +136,12 @@ class _Rim:
         """Length along the rim, mm."""
         return float(np.interp(coordinate, self._index, self._at))
 
+    def ahead(self, a: float, b: float) -> float:
+        """The way along the rim from one coordinate to another, mm, less than once round; 0 for one place, whatever
+        rounding makes of it."""
+        mm = (self.position(b) - self.position(a)) % self.length
+        return mm if mm < (1.0 - SAME_PLACE) * self.length else 0.0
+
     def between(self, a: float, b: float) -> float:
         """The way from one coordinate to another, the shorter way round: mm, positive along the rim."""
         return (self.position(b) - self.position(a) + self.length / 2.0) % self.length - self.length / 2.0
@@ -200,11 +208,10 @@ def _feet(rim: _Rim, connected: SeedPaths, template: Template, opening: str) -> 
         return moved if len(set(moved.values())) == len(moved) else {name: feet[name] for name in order}
     # The order round the rim is that of the shortest ways, which has been checked. (Two are always in order.)
     first = rim.position(mean[order[0]])
-    along = np.array([(rim.position(mean[name]) - first) % rim.length for name in order])
+    along = np.array([rim.ahead(mean[order[0]], mean[name]) for name in order])
     if len(order) > 2:
-        start = rim.position(feet[order[0]])
         along = np.array(
-            [(rim.position(feet[name]) - start) % rim.length + rim.between(feet[name], mean[name]) for name in order]
+            [rim.ahead(feet[order[0]], feet[name]) + rim.between(feet[name], mean[name]) for name in order]
         )
         along -= along[0]
     if template.rim(opening).spread_feet:

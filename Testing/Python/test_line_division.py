@@ -17,7 +17,7 @@ from LAFlatteningLib.geodesic_lines import Line, Place, straighten
 from LAFlatteningLib.geodesics import PathTree
 from LAFlatteningLib.half_edges import HalfEdges
 from LAFlatteningLib.insertion import Inserted, insert_lines
-from LAFlatteningLib.line_division import NEAR_POINT, _lead_between, _sort_out, divide
+from LAFlatteningLib.line_division import NEAR_POINT, _lead_between, _Rim, _sort_out, divide
 from LAFlatteningLib.ostium_ways import WaysAcrossOstia, rim_place
 from LAFlatteningLib.phantom import make_phantom
 from LAFlatteningLib.seed_paths import _connect, connect_seeds
@@ -220,6 +220,19 @@ def test_places_on_rims():
             assert np.allclose((1.0 - place.share) * a + place.share * b, expected)
             assert place.share > 0 or mesh.origin[place.half_edge] == loop[k]
             assert place.share == 0 or mesh.twin[place.half_edge] < 0
+
+
+def test_feet_at_one_place_are_not_once_round_apart():
+    surface = meshes.annulus(1.0, 3.0, 5, 16)
+    loop = surface.boundary_loops[0]
+    rim = _Rim(surface, HalfEdges.of(surface), loop, True)
+    for at in (0.0, 3.0, 7.4, len(loop) - 0.3):
+        before, after = (at - 1e-12) % len(loop), (at + 1e-12) % len(loop)
+        assert rim.ahead(before, after) == pytest.approx(0.0, abs=1e-9)
+        assert rim.ahead(after, before) == 0.0
+        assert rim.ahead(at, (at + 2.0) % len(loop)) + rim.ahead((at + 2.0) % len(loop), at) == pytest.approx(
+            rim.length
+        )
 
 
 # ---- paths led between others ----
