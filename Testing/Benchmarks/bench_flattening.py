@@ -6,10 +6,10 @@ make bench      or      python Testing/Benchmarks/bench_flattening.py [--sizes 5
 from __future__ import annotations
 
 import argparse
-import resource
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import cases
 import numpy as np
@@ -104,19 +104,29 @@ def spent(flattener: Flattener, seeds: cases.Seeds) -> tuple[float, FlatMap]:
     return time.process_time() - began, flat_map
 
 
-def peak_memory(points: int) -> float:
-    """Peak memory of a process that makes and maps one phantom, MB; of the phantom alone is printed beside it."""
-    code = (
-        "import sys; sys.path.insert(0, sys.argv[1]); import cases, resource; from LAFlatteningLib import Flattener;"
-        "surface, seeds = cases.phantom(int(sys.argv[2]));"
-        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024);"
-        "Flattener(surface).flatten(seeds); print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)"
-    )
+def peak_memory(points: int) -> None:
+    """Print the peak memory of a process that makes and maps one phantom, and of making the phantom alone."""
+    # Of this process alone: what `resource` says includes the process that started it.
+    code = """
+import pathlib, sys
+sys.path.insert(0, sys.argv[1])
+import cases
+from LAFlatteningLib import Flattener
+def peak():
+    lines = pathlib.Path("/proc/self/status").read_text().splitlines()
+    return next(int(line.split()[1]) / 1024 for line in lines if line.startswith("VmHWM"))
+surface, seeds = cases.phantom(int(sys.argv[2]))
+alone = peak()
+Flattener(surface).flatten(seeds)
+print(peak(), alone)
+"""
+    if not Path("/proc/self/status").exists():
+        print("peak memory: only measured on Linux")
+        return
     output = subprocess.run(
         [sys.executable, "-c", code, sys.path[0], str(points)], check=True, capture_output=True, text=True
     ).stdout.split()
-    print(f"peak memory at {points} points: {float(output[1]):.0f} MB (the phantom alone: {float(output[0]):.0f} MB)")
-    return float(output[1])
+    print(f"peak memory at {points} points: {float(output[0]):.0f} MB (the phantom alone: {float(output[1]):.0f} MB)")
 
 
 def main() -> None:
@@ -177,7 +187,6 @@ def main() -> None:
     print(f"method paper at {size} points: " + ", ".join(f"{k} {v:.3f} s" for k, v in seconds.items() if v))
     print()
     peak_memory(200000)
-    print(f"this process: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
 
 
 if __name__ == "__main__":
