@@ -4,7 +4,7 @@ import meshes
 import numpy as np
 import pytest
 
-from LAFlatteningLib import flatten, operators
+from LAFlatteningLib import Flattener, FoldError, flatten, make_phantom, operators
 from LAFlatteningLib.division import label_regions
 from LAFlatteningLib.flattening import refinement
 from LAFlatteningLib.flattening.parts import movable_parts
@@ -129,6 +129,25 @@ def test_guarded_triangles_that_are_all_but_folded_weigh_a_hundredth():
             step = 1e-3 * axis * (np.arange(len(at)) == point)[:, None]
             slope, before = (energy(places + step) - energy(places - step) for places in (mended, flat))
             assert abs(slope) < 1e-3 * abs(before)
+
+
+def test_triangles_that_paths_cut_do_not_fold(monkeypatch):
+    """On a mesh of long edges some would, for paths bend the map within them; without the guard, none is returned."""
+    made = make_phantom(700)
+    moved = [np.random.default_rng(number).normal(0.0, 3.0, (len(made.seeds), 3)) for number in (8, 42, 47)]
+    sets = [dict(zip(made.seeds, np.array([*made.seeds.values()]) + by, strict=True)) for by in moved]
+    flattener = Flattener(made.surface)
+    for seeds in sets:
+        flat_map = flattener.flatten(seeds)
+        assert operators.signed_areas(flat_map.points, flat_map.surface.triangles).min() > 0.0
+    monkeypatch.setattr(refinement.Refinement, "guard", lambda _, flat, *__: (flat, np.zeros(0, np.int64)))
+    folded = 0
+    for seeds in sets:
+        try:
+            flattener.flatten(seeds)
+        except FoldError:
+            folded += 1
+    assert folded, "the test needs a triangle that folds"
 
 
 def spread(at, flat, triangles):
