@@ -101,6 +101,7 @@ def test_a_seed_that_turns_back_finds_the_same_foot():
     ways.walk(across(cavity, 29.0), "A", "B")
     assert ways.walk(across(cavity, 30.4), "A", "B").mean_feet == there
     back = ways.walk(across(cavity, 30.4), "B", "A").mean_feet
+    assert ways.walk(across(cavity, 30.4), "A", "B").reversed().mean_feet == there[::-1]
     places = [(1.0 - t) * cavity.surface.points[a] + t * cavity.surface.points[b] for a, b, t in [*there, *back[::-1]]]
     assert np.allclose(places[:2], places[2:], atol=1e-6)
 
