@@ -7,7 +7,7 @@ import numpy as np
 from .surface import FloatArray
 
 AS_SHORT = 0.025
-"""A way that is longer than the shortest by this share of the opening's perimeter (.7 to 1.4 mm) counts 1/e of it."""
+"""A way that is longer than the shortest by this share of the opening's perimeter (.6 to 1.4 mm) counts 1/e of it."""
 NEGLIGIBLE = 7.0
 """Ways longer by so many times that (with less than a thousandth of the weight) need not be known."""
 
@@ -24,7 +24,8 @@ def mean_foot(at: FloatArray, lengths: FloatArray, as_short: float) -> float:
     Returns
     -------
     length along the rim, mm. A way of length L has the weight exp(-(L - shortest) / as_short), and the mean is that of
-    the directions of a circle. So it is a continuous function of lengths and rim, whichever way is the shortest.
+    the directions of a circle. So it is a continuous function of lengths and rim, whichever way is the shortest, but
+    where ways of the same weight leave on opposite sides of the rim.
 
     Examples
     --------

@@ -12,8 +12,6 @@ from ..surface import FloatArray
 
 _MEMORY = 5
 """Pairs of steps that the quasi-Newton method remembers."""
-
-
 NOISE = 1e-13
 """Differences of the function smaller than this share of it are rounding, which must not shorten steps near the
 minimum."""
@@ -55,7 +53,6 @@ def descend(
     reach : the farthest that a point may move in one step, `PatchEnergy.reach`.
     steps : most steps to take.
     tolerance : stop once a step lowers the function by less than this share of it.
-
     still : stop once a step moves no point by more than this.
 
     Returns

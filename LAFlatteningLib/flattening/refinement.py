@@ -60,6 +60,8 @@ class Refinement:
 
     def __init__(self, flat: FloatArray, surface: Surface, movable: NDArray[np.bool_], scale: float) -> None:
         areas = surface.triangle_areas
+        # (A point without triangles has no place that is better than another.)
+        movable = movable & surface.used_points
         self._surface, self._movable, self._scale = surface, movable, scale
         self._rest, self._weights = rest_shapes(surface.points, surface.triangles, scale), areas / areas.mean()
         # Not of small meshes, where a step costs the same for few points as for all.
@@ -129,6 +131,8 @@ class Refinement:
         ------
         FoldError : if folds remain.
         """
+        if not len(guarded):
+            return flat, np.zeros(0, np.int64)
         points = self._surface.points
         triangles = np.concatenate([self._surface.triangles, guarded])
         rest = np.concatenate([self._rest, rest_shapes(points, guarded, self._scale)])

@@ -3,6 +3,7 @@
 import numpy as np
 import slicer
 import vtk
+from LAFlatteningScene.cursor import Correspondence
 from logic_case import addArray, array, points, triangles
 from view_case import MARKER, ViewCase, like, middle, onScreen, picture
 
@@ -147,3 +148,32 @@ class CursorTest(ViewCase):
         for place, model in ((onlyMap, "map"), (onlyAtrium, "atrium")):
             self.assertEqual(cursor.locate(place)[0], model)
             self.assertEqual(cursor.locate(flat)[0], model)
+
+    def test_modelsThatChange(self):
+        """The map while a seed is dragged, then the atrium under a transform that moves."""
+        linked = Correspondence(self.surface, self.p.map)
+        atrium, flat, ids = self.placeIn(self.frontTriangle())
+        np.testing.assert_allclose(linked.find("atrium", atrium)[1].map, flat, atol=1e-3)
+        slicer.util.arrayFromModelPoints(self.p.map)[:] *= 0.5
+        slicer.util.arrayFromModelPointsModified(self.p.map)
+        np.testing.assert_allclose(linked.find("atrium", atrium)[1].map, 0.5 * flat, atol=1e-3)
+        np.testing.assert_allclose(linked.find("map", 0.5 * flat)[1].atrium, atrium, atol=1e-3)
+        node = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLTransformNode")
+        self.surface.SetAndObserveTransformNodeID(node.GetID())
+        for shift in (np.array((300.0, 0.0, 0.0)), np.array((0.0, -500.0, 0.0))):
+            matrix = np.eye(4)
+            matrix[:3, 3] = shift
+            node.SetMatrixTransformToParent(slicer.util.vtkMatrixFromArray(matrix))
+            distance, place = linked.find("atrium", atrium + shift)
+            self.assertLess(distance, 1e-3)
+            np.testing.assert_allclose(place.map, 0.5 * flat, atol=1e-3)
+        # A map of the same points without that triangle.
+        cells = vtk.vtkCellArray()
+        for corners in triangles(self.p.map).tolist():
+            if set(corners) != set(ids.tolist()):
+                cells.InsertNextCell(3, corners)
+        self.p.map.GetPolyData().SetPolys(cells)
+        for on, at in (("atrium", atrium + shift), ("map", 0.5 * flat)):
+            found = linked.find(on, at)[1]
+            self.assertNotEqual(set(found.ids.tolist()), set(ids.tolist()))
+            self.assertEqual(len(set(found.ids.tolist()) & set(ids.tolist())), 2, "a neighbour of the triangle")

@@ -45,6 +45,14 @@ def test_two_feet_count_by_the_lengths_of_their_ways(longer):
         assert mean_foot(at, lengths, 0.8) == pytest.approx(6.0)
 
 
+def test_a_foot_counts_by_half_of_both_sides_beside_it():
+    at = np.array([0.0, 1.0, 4.0, 10.0, 12.0, 20.0, 30.0])
+    lengths = np.full(6, np.inf)
+    lengths[[1, 3]] = 50.0
+    both = (0.5 + 1.5) * np.exp(2j * np.pi / 30.0) + (3.0 + 1.0) * np.exp(2j * np.pi * 10.0 / 30.0)
+    assert mean_foot(at, lengths, 1.0) == pytest.approx(np.angle(both) / (2.0 * np.pi) * 30.0)
+
+
 def hilly(n=61, height=9.0):
     """A plane with a hill in its middle between two ostia, mirror-symmetric but for its triangles."""
     turn = 2.0 * np.pi * np.arange(24) / 24
@@ -93,6 +101,7 @@ def test_a_seed_that_turns_back_finds_the_same_foot():
     ways.walk(across(cavity, 29.0), "A", "B")
     assert ways.walk(across(cavity, 30.4), "A", "B").mean_feet == there
     back = ways.walk(across(cavity, 30.4), "B", "A").mean_feet
+    assert ways.walk(across(cavity, 30.4), "A", "B").reversed().mean_feet == there[::-1]
     places = [(1.0 - t) * cavity.surface.points[a] + t * cavity.surface.points[b] for a, b, t in [*there, *back[::-1]]]
     assert np.allclose(places[:2], places[2:], atol=1e-6)
 
@@ -115,6 +124,19 @@ def mean_places(surface, seeds):
         return found
 
     return places
+
+
+def test_all_ways_with_weight_are_in_the_mean(monkeypatch):
+    """Also of paths to the outer rim, whose seeds look no farther than they must."""
+    made, rng = make_phantom(3000), np.random.default_rng(3)
+    # (Where seeds are in the middle, ways of any length lie alike on both sides.)
+    seeds = {label: place + rng.normal(0.0, 3.0, 3) for label, place in made.seeds.items()}
+    here = mean_places(made.surface, made.seeds)(seeds)
+    monkeypatch.setattr("LAFlatteningLib.ostium_ways.FOOT_DETOUR", 10.0)
+    everywhere = mean_places(made.surface, made.seeds)(seeds)
+    assert any(LEFT_ATRIUM.paths[name][1] in LEFT_ATRIUM.outer_seeds for _, name in here)
+    for key, (at, total, _) in here.items():
+        assert abs(apart(at, everywhere[key][0], total)) < 1e-3, key
 
 
 def test_feet_on_the_phantom_do_not_depend_on_its_mesh():

@@ -63,3 +63,11 @@ def test_it_turns_and_grows_with_the_surface():
 def test_nothing_over_no_length():
     surface = meshes.jittered(6, 5, 2)
     assert np.allclose(smoothed_points(surface, 0.0), surface.points, atol=1e-9)
+
+
+def test_points_without_triangles_stay_where_they_are():
+    surface = meshes.jittered(6, 5, 2)
+    more = Surface(np.concatenate([surface.points, [[9.0, 8.0, 7.0]]]), surface.triangles)
+    smooth = smoothed_points(more, 0.3)
+    assert smooth[-1].tolist() == [9.0, 8.0, 7.0]
+    assert np.allclose(smooth[:-1], smoothed_points(surface, 0.3), atol=1e-9)
