@@ -9,7 +9,7 @@ from .surface import FloatArray
 AS_SHORT = 0.025
 """A way that is longer than the shortest by this share of the opening's perimeter (.6 to 1.4 mm) counts 1/e of it."""
 NEGLIGIBLE = 7.0
-"""Ways longer by so many times that (with less than a thousandth of the weight) need not be known."""
+"""Ways longer by so many times that (less than a thousandth of the weight) count nothing and need not be known."""
 
 
 def mean_foot(at: FloatArray, lengths: FloatArray, as_short: float) -> float:
@@ -23,9 +23,10 @@ def mean_foot(at: FloatArray, lengths: FloatArray, as_short: float) -> float:
 
     Returns
     -------
-    length along the rim, mm. A way of length L has the weight exp(-(L - shortest) / as_short), and the mean is that of
-    the directions of a circle. So it is a continuous function of lengths and rim, whichever way is the shortest, but
-    where ways of the same weight leave on opposite sides of the rim.
+    length along the rim, mm. A way of length L has the weight exp(-(L - shortest) / as_short), less exp(-NEGLIGIBLE),
+    down to nothing; the mean is that of the directions of a circle. So it is a continuous function of lengths and rim,
+    whichever way is the shortest (but where ways of one weight leave on opposite sides of the rim), and the same whether
+    much longer ways are known or not.
 
     Examples
     --------
@@ -36,6 +37,8 @@ def mean_foot(at: FloatArray, lengths: FloatArray, as_short: float) -> float:
     """
     sides = np.diff(at)
     # Half of the two sides at each point: an integral along the rim.
-    weights = (sides + np.roll(sides, 1)) * np.exp((lengths.min() - lengths) / as_short)
+    weights = (sides + np.roll(sides, 1)) * np.maximum(
+        np.exp((lengths.min() - lengths) / as_short) - np.exp(-NEGLIGIBLE), 0.0
+    )
     mean = np.angle(weights @ np.exp(2j * np.pi * at[:-1] / at[-1])) / (2.0 * np.pi)
     return float(mean % 1.0 * at[-1])

@@ -128,7 +128,7 @@ class FlatMap:
         if len(self.freed_path_points):
             notes.append(
                 f"{len(self.freed_path_points)} path points had to leave their lines so that nothing folds, by up to "
-                f"{100 * self.path_drift:.1f} % of the disk radius. Check the seeds, and the map near the paths."
+                f"{100 * self.path_drift:.2g} % of the disk radius. Check the seeds, and the map near the paths."
             )
         worst = self.distortion_summary["dilatation"]["p99"]
         if self.method == "regional" and worst > USUAL_DILATATION:

@@ -10,7 +10,7 @@ from cases import seeds_by_rule
 from LAFlatteningLib import read_surface
 from LAFlatteningLib.anatomy import LEFT_ATRIUM
 from LAFlatteningLib.cavity.openings import Cavity, make_cavity
-from LAFlatteningLib.mean_feet import mean_foot
+from LAFlatteningLib.mean_feet import NEGLIGIBLE, mean_foot
 from LAFlatteningLib.ostium_ways import WaysAcrossOstia
 from LAFlatteningLib.phantom import make_phantom
 from LAFlatteningLib.rim_length import rim_lengths
@@ -38,7 +38,9 @@ def test_two_feet_count_by_the_lengths_of_their_ways(longer):
     at = np.arange(41.0)
     lengths = np.full(40, np.inf)
     lengths[[4, 8]] = 50.0, 50.0 + longer
-    weight = np.exp(-longer / 0.8)
+    # Each less what a way has that counts nothing.
+    first, second = np.exp(-max(-longer, 0.0) / 0.8), np.exp(-max(longer, 0.0) / 0.8)
+    weight = (second - np.exp(-NEGLIGIBLE)) / (first - np.exp(-NEGLIGIBLE))
     both = np.exp(2j * np.pi * 4.0 / 40.0) + weight * np.exp(2j * np.pi * 8.0 / 40.0)
     assert mean_foot(at, lengths, 0.8) == pytest.approx(np.angle(both) / (2.0 * np.pi) * 40.0)
     if longer == 0.0:
@@ -51,6 +53,15 @@ def test_a_foot_counts_by_half_of_both_sides_beside_it():
     lengths[[1, 3]] = 50.0
     both = (0.5 + 1.5) * np.exp(2j * np.pi / 30.0) + (3.0 + 1.0) * np.exp(2j * np.pi * 10.0 / 30.0)
     assert mean_foot(at, lengths, 1.0) == pytest.approx(np.angle(both) / (2.0 * np.pi) * 30.0)
+
+
+def test_much_longer_ways_need_not_be_known():
+    """What is looked at depends on what was asked for before; the foot must not."""
+    at = np.arange(41.0)
+    lengths = 50.0 + np.abs(np.arange(40) - 11.0) + 0.3 * np.sin(np.arange(40))
+    known = np.where(lengths > lengths.min() + NEGLIGIBLE * 0.8, np.inf, lengths)
+    assert np.isinf(known).sum() > 10
+    assert mean_foot(at, known, 0.8) == mean_foot(at, lengths, 0.8)
 
 
 def hilly(n=61, height=9.0):
