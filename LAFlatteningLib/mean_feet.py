@@ -25,8 +25,8 @@ def mean_foot(at: FloatArray, lengths: FloatArray, as_short: float) -> float:
     -------
     length along the rim, mm. A way of length L has the weight exp(-(L - shortest) / as_short), less exp(-NEGLIGIBLE),
     down to nothing; the mean is that of the directions of a circle. So it is a continuous function of lengths and rim,
-    whichever way is the shortest (but where ways of one weight leave on opposite sides of the rim), and the same whether
-    much longer ways are known or not.
+    whichever way is the shortest (but where ways of one weight leave on opposite sides of the rim), and the same
+    whether much longer ways are known or not.
 
     Examples
     --------
