@@ -5,9 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
+from .. import operators
+from ..constraints import Constraints
+from ..division import Division
 from ..errors import FoldError
-from ..surface import IntArray, Surface
+from ..surface import FloatArray, IntArray, Surface
 
 
 def flip_chords(surface: Surface, rims: Sequence[IntArray]) -> tuple[Surface, int]:
@@ -31,10 +35,7 @@ def flip_chords(surface: Surface, rims: Sequence[IntArray]) -> tuple[Surface, in
     ------
     FoldError : if an edge cannot be flipped because the other diagonal exists already.
     """
-    rim_of = np.full(len(surface.points), -1, np.int64)
-    for number, rim in enumerate(rims):
-        rim_of[rim] = number
-    flipped = 0
+    rim_of, flipped = _rim_of(surface, rims), 0
     # Every pass takes the chords whose far corner is off the rim, so chains of ears are undone from inside out;
     # a chain cannot be longer than its rim.
     for _ in range(max((len(rim) for rim in rims), default=0)):
@@ -50,18 +51,14 @@ def flip_chords(surface: Surface, rims: Sequence[IntArray]) -> tuple[Surface, in
             one, two = (int(t) for t in surface.edges.triangles[chord])
             if one in touched or two in touched:
                 continue
-            p = int(np.setdiff1d(triangles[one], surface.edges.points[chord])[0])
-            q = int(np.setdiff1d(triangles[two], surface.edges.points[chord])[0])
+            flipped_one, flipped_two = _flipped(surface, chord)
+            p, q = int(flipped_one[0]), int(flipped_two[0])
             if rim_of[p] >= 0 and rim_of[p] == rim_of[q]:
                 continue
             joined = neighbours.indices[neighbours.indptr[p] : neighbours.indptr[p + 1]]
             if q in joined or (min(p, q), max(p, q)) in added:
                 continue
-            # Turn triangle `one` to (p, a, b) with the chord a-b; the flip gives (p, a, q) and (q, b, p).
-            corner = int(np.flatnonzero(triangles[one] == p)[0])
-            a, b = int(triangles[one][(corner + 1) % 3]), int(triangles[one][(corner + 2) % 3])
-            triangles[one] = (p, a, q)
-            triangles[two] = (q, b, p)
+            triangles[one], triangles[two] = flipped_one, flipped_two
             touched.update((one, two))
             added.add((min(p, q), max(p, q)))
             done += 1
@@ -79,6 +76,77 @@ def flip_chords(surface: Surface, rims: Sequence[IntArray]) -> tuple[Surface, in
             (int(a), int(b)),
         )
     return surface, flipped
+
+
+def flip_folded(
+    surface: Surface, rims: Sequence[IntArray], division: Division, constraints: Constraints
+) -> tuple[Surface, int]:
+    """The surface with edges flipped where a triangle has all its corners on rims, and the template folds it.
+
+    That happens between rims that are a triangle apart; whatever the solver does it would stay folded. Of its edges,
+    the longest one is flipped whose flip leaves no folded triangle of this kind, and no chord.
+
+    Parameters
+    ----------
+    rims : rims as ids of the surface.
+    division, constraints : of the surface; feet of paths may have cut its triangles.
+
+    Returns
+    -------
+    surface : the same object if there was nothing to flip, or nothing that helps.
+    flipped : number of flips.
+    """
+    cut = division.surface
+    held, placed = np.zeros(len(cut.points), bool), np.zeros((len(cut.points), 2))
+    held[constraints.rim_ids], placed[constraints.rim_ids] = True, constraints.rim_targets
+    pieces = division.parent[_folded(cut.triangles, held, placed)]
+    folded = np.union1d(pieces, np.flatnonzero(_folded(surface.triangles, held, placed)))
+    if not len(folded):
+        return surface, 0
+    rim_of, edges, neighbours = _rim_of(surface, rims), surface.edges, surface.edge_graph
+    triangles, flipped = surface.triangles.copy(), 0
+    touched: set[int] = set()
+    for triangle in folded.tolist():
+        around = edges.of_triangle[triangle]
+        length = np.linalg.norm(np.diff(surface.points[edges.points[around]], axis=1)[:, 0], axis=1)
+        for edge in around[np.argsort(-length)].tolist():
+            pair = edges.triangles[edge]
+            if edges.usage[edge] != 2 or touched & set(pair.tolist()):
+                continue
+            new = _flipped(surface, edge)
+            p, q = int(new[0][0]), int(new[1][0])
+            joined = neighbours.indices[neighbours.indptr[p] : neighbours.indptr[p + 1]]
+            if q in joined or rim_of[p] == rim_of[q] >= 0 or _folded(new, held, placed).any():
+                continue
+            triangles[pair] = new
+            touched.update(pair.tolist())
+            flipped += 1
+            break
+    return (surface.with_triangles(triangles), flipped) if flipped else (surface, 0)
+
+
+def _folded(triangles: IntArray, held: NDArray[np.bool_], placed: FloatArray) -> NDArray[np.bool_]:
+    """Of which triangles all corners are held, and folded."""
+    return held[triangles].all(axis=1) & (operators.signed_areas(placed, triangles) <= 0.0)
+
+
+def _flipped(surface: Surface, edge: int) -> IntArray:
+    """The two triangles (2, 3) that take the place of those at an inner edge a-b, with the other diagonal p-q:
+    (p, a, q) and (q, b, p)."""
+    one, two = surface.triangles[surface.edges.triangles[edge]]
+    ends = surface.edges.points[edge]
+    corner = int(np.flatnonzero(~np.isin(one, ends))[0])
+    p, a, b = np.roll(one, -corner)
+    q = two[~np.isin(two, ends)][0]
+    return np.array([(p, a, q), (q, b, p)])
+
+
+def _rim_of(surface: Surface, rims: Sequence[IntArray]) -> IntArray:
+    """The number of the rim of each point, (n,); -1 off the rims."""
+    rim_of = np.full(len(surface.points), -1, np.int64)
+    for number, rim in enumerate(rims):
+        rim_of[rim] = number
+    return rim_of
 
 
 def _chords(surface: Surface, rim_of: IntArray) -> IntArray:

@@ -22,7 +22,7 @@ from ..solvers import harmonic, published_least_squares
 from ..subcontours import ROUNDINGS
 from ..surface import FloatArray, IntArray, Surface
 from ..template import DEFAULT_TEMPLATE, Template
-from .chords import flip_chords
+from .chords import flip_chords, flip_folded
 from .coarse import COARSE_POINTS, COARSE_STEPS, CoarseCopy, Start, coarsened
 from .flat_map import FlatMap
 from .preview import Preview, Previewer
@@ -34,6 +34,8 @@ METHODS = ("regional", "paper")
 """``regional``: lengths, hard rims and paths, never a fold. ``paper``: the published equations."""
 
 
+FLIPS = 3
+"""Most times that edges between neighbouring rims are flipped and the surface is divided again."""
 FROM_COARSE = 2500
 """Cavities with more points than this are mapped from the map of their coarse copy on."""
 
@@ -132,17 +134,19 @@ class Flattener:
                 division = divide_as_published(cavity.surface, connected, self.template, self.rounding)
                 constraints = constraints_by_count(division, self.template, self.rounding == "paper")
             else:
-                if self._ways is None or self._ways.surface is not surface:
-                    self._ways = WaysAcrossOstia(cavity, surface)
-                connected = connect_seeds(cavity, snapped, anatomy, self._ways, self.check_axes)
-                division = divide(surface, self._ways.mesh, connected, self.template)
+                for _ in range(FLIPS):
+                    division, constraints = self._divide(cavity, surface, snapped)
+                    surface, more = flip_folded(surface, [*cavity.rims, cavity.outer], division, constraints)
+                    flipped += more
+                    if not more:
+                        break
         report(progress, 0.3, "Flattening")
         freed = np.zeros(0, np.int64)
         try:
             if self.method == "paper":
                 flat = self._solve_as_published(surface, constraints, watch, progress)
             else:
-                flat, constraints, freed = self._solve(surface, snapped, division, watch, progress)
+                flat, freed = self._solve(surface, snapped, division, constraints, watch, progress)
         except np.linalg.LinAlgError as error:
             raise SurfaceError(
                 "The equations of the map have no unique solution, because triangles of the surface have all but no "
@@ -182,7 +186,7 @@ class Flattener:
         copy = self._coarse_copy(surface, outer_points)
         if self._previewer is None or self._previewer.surface is not surface:
             self._previewer = Previewer(copy)
-        latest = self._latest if self._latest is not None and self._latest.surface is surface else None
+        latest = self._latest if self._latest is not None and self._latest.cavity is cavity else None
         # On this surface, not on the coarse one, seeds go to their places.
         snapped = snap_seeds(seeds, cavity, self.template.anatomy)
         rims = {hole: cavity.rims[number] for hole, number in snapped.hole.items()}
@@ -240,6 +244,17 @@ class Flattener:
         self._prepared = (cavity, surface, flipped)
         return self._prepared
 
+    def _divide(self, cavity: Cavity, surface: Surface, seeds: SnappedSeeds) -> tuple[Division, Constraints]:
+        """The division by the method "regional" of the cavity's surface, some of its edges flipped."""
+        ways = self._ways
+        if ways is None or ways.surface is not surface:
+            ways = WaysAcrossOstia(cavity, surface)
+            if self._prepared is not None and surface is self._prepared[1]:
+                self._ways = ways
+        connected = connect_seeds(cavity, seeds, self.template.anatomy, ways, self.check_axes)
+        division = divide(surface, ways.mesh, connected, self.template)
+        return division, constraints_by_length(division, self.template)
+
     def _solve_as_published(
         self, surface: Surface, constraints: Constraints, watch: Stopwatch, progress: ProgressCallback | None
     ) -> FloatArray:
@@ -263,13 +278,12 @@ class Flattener:
         surface: Surface,
         seeds: SnappedSeeds,
         division: Division,
+        constraints: Constraints,
         watch: Stopwatch,
         progress: ProgressCallback | None,
-    ) -> tuple[FloatArray, Constraints, IntArray]:
+    ) -> tuple[FloatArray, IntArray]:
         """A map without folds of the points of `Division.surface`, and the path points that had to leave their places
         for it."""
-        with watch.stage("division"):
-            constraints = constraints_by_length(division, self.template)
         cut = division.surface
         fixed = np.zeros(len(cut.points), bool)
         fixed[constraints.rim_ids] = True
@@ -303,7 +317,7 @@ class Flattener:
         told = part(progress, 0.5, 1.0)
         if self._is_copy:
             with watch.stage("refine"):
-                return refinement.lower(flat, COARSE_STEPS, False, told), constraints, freed
+                return refinement.lower(flat, COARSE_STEPS, False, told), freed
         with watch.stage("refine"):
             flat = refinement.lower(flat, progress=told)
             # Triangles that paths cut must not fold as a whole either: the map is theirs, too.
@@ -314,7 +328,7 @@ class Flattener:
             left = folded_triangles(flat, checked)
             if len(left):
                 raise fold_error(cut.points, checked[left])
-        return flat, constraints, np.union1d(freed, more)
+        return flat, np.union1d(freed, more)
 
     def _carried(self, surface: Surface, seeds: SnappedSeeds, cut: Surface) -> FloatArray | None:
         """The map to start from, or that of the coarse copy, at the points of the cut surface; None where there is
@@ -323,9 +337,10 @@ class Flattener:
             return self._start(cut.points)
         if len(surface.points) < FROM_COARSE or self._is_copy:
             return None
+        assert self._prepared is not None
         outer_points = np.array([seeds.positions[label] for label in self.template.anatomy.outer_seeds])
         try:
-            return self._coarse_copy(surface, outer_points).carried(seeds.positions, cut.points)
+            return self._coarse_copy(self._prepared[1], outer_points).carried(seeds.positions, cut.points)
         except (SurfaceError, SeedError, FoldError):
             return None
 

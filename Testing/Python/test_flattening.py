@@ -1,10 +1,12 @@
 """The map: exact where the answer is known, free of folds everywhere, and true to the published one."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import meshes
 import numpy as np
 import pytest
+import remeshed
 from cases import moved, seeds_by_rule
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
@@ -15,7 +17,7 @@ from LAFlatteningLib.division import label_regions
 from LAFlatteningLib.errors import Cancelled, LAFlatteningError
 from LAFlatteningLib.files import read_seeds, read_surface
 from LAFlatteningLib.flattening import Flattener, flatten
-from LAFlatteningLib.flattening.chords import flip_chords
+from LAFlatteningLib.flattening.chords import flip_chords, flip_folded
 from LAFlatteningLib.phantom import make_phantom
 from LAFlatteningLib.solvers import Factorisation, harmonic, published_least_squares
 from LAFlatteningLib.surface import Surface
@@ -509,3 +511,37 @@ def test_seeds_of_another_rim_rebuild_the_cavity(phantom):
 def test_regional_on_a_ct_atrium(data_dir, name):
     surface = read_surface(data_dir / "labelled" / f"{name}.vtp")
     check_promises(flatten(surface, seeds_by_rule(surface)))
+
+
+def between_rims(fourth_rim=None):
+    """Two triangles between two rims: points 0 and 1 on one, 2 on the other; 3 lies beyond the edge 1-2."""
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, 1, 0], [1.5, 1, 0]])
+    surface = Surface(points, np.array([[0, 1, 2], [1, 3, 2]]))
+    rims = [np.array([0, 1] + [3] * (fourth_rim == 0)), np.array([2] + [3] * (fourth_rim == 1))]
+    return surface, rims, SimpleNamespace(surface=surface, parent=np.arange(2))
+
+
+@pytest.mark.parametrize("fourth_rim", [None, 0, 1])
+def test_an_edge_between_rims_is_flipped_where_the_template_folds_its_triangle(fourth_rim):
+    surface, rims, division = between_rims(fourth_rim)
+    ids = np.unique(np.concatenate(rims))
+    as_it_is = SimpleNamespace(rim_ids=ids, rim_targets=surface.points[ids, :2])
+    assert flip_folded(surface, rims, division, as_it_is) == (surface, 0)
+    # The third point goes below the side 0-1.
+    placed = np.array([[0.0, 0], [1, 0], [0.5, -1], [1.5, 1]])
+    flipped, count = flip_folded(surface, rims, division, SimpleNamespace(rim_ids=ids, rim_targets=placed[ids]))
+    if fourth_rim is not None:
+        # The other diagonal would be a chord of the first rim, or another folded triangle between the two.
+        assert flipped is surface and count == 0
+    else:
+        assert count == 1
+        assert {frozenset(t) for t in flipped.triangles.tolist()} == {frozenset((0, 1, 3)), frozenset((0, 2, 3))}
+
+
+def test_rims_a_triangle_apart_on_a_coarse_atrium(data_dir):
+    """1,000 points: a triangle spans the carina of the left veins from rim to rim, and the template folds it."""
+    seeds = read_seeds(data_dir / "frf_demo" / "seeds_operator1.csv")
+    cavity = flatten(read_surface(data_dir / "frf_demo" / "closed_ostia.vtp"), seeds).cavity.surface
+    flat_map = flatten(remeshed.remesh(cavity, 1000), seeds)
+    check_promises(flat_map)
+    assert operators.signed_areas(flat_map.points, flat_map.triangles).min() > 0.0
