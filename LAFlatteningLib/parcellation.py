@@ -31,6 +31,10 @@ BoolArray = NDArray[np.bool_]
 
 NO_PART = 0
 """Label of places that belong to no part."""
+ON_BORDER = 1e-9
+"""Places as near to the border of a part as this share of the map's radius are on it."""
+OUTLINED = ("region", "polygon")
+"""Kinds of parts that may share a border with others."""
 _FOLDER = Path(__file__).parent / "parcellations"
 
 
@@ -160,8 +164,13 @@ class Parcellation:
         places = np.asarray(places, np.float64)
         chosen = self.parts if part is None else (self.part(part),)
         labels = np.full(len(places), NO_PART, np.int64)
-        for one in reversed(chosen):
-            labels[_contains(one.area, places, template)] = one.label
+        for step in (0.0, ON_BORDER * template.radius):
+            # Rounding may put a place on the border of two outlines outside both: beside it, it is in one of them.
+            left = np.flatnonzero(labels == NO_PART)
+            for one in reversed(chosen):
+                if not step or one.area["type"] in OUTLINED:
+                    inside = _contains(one.area, places[left] + step * np.array([0.8, 0.6]), template)
+                    labels[left[inside]] = one.label
         return labels
 
     def labels_of(self, flat_map: FlatMap | MapData, part: str | None = None) -> Labels:

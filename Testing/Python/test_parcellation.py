@@ -53,6 +53,20 @@ def test_the_24_regions_cover_the_map_once_each(template):
     assert set(labels.tolist()) == set(range(1, 25))
 
 
+@pytest.mark.parametrize("name", ["adapted1", "adapted2", "population"])
+def test_every_place_on_a_path_is_in_a_region(name):
+    """Paths are the borders of regions: rounding must not leave a place on one outside both."""
+    template = Template.load(name)
+    parts = [
+        {"label": number, "name": f"R{number}", "area": {"type": "region", "number": number}} for number in range(1, 6)
+    ]
+    regions = Parcellation.from_dict({**LEFT_SIDE, "template": name, "parts": parts})
+    for path in template.anatomy.paths:
+        start, stop = np.array(template.segment(path))
+        along = start + np.linspace(0.0, 1.0, 2001)[:, None] * (stop - start)
+        assert (regions.labels_at(along, template) > 0).all()
+
+
 def test_whole_regions_are_those_of_the_map(phantom_map):
     parts = [
         {"label": number, "name": f"R{number}", "area": {"type": "region", "number": number}} for number in range(1, 6)
