@@ -6,13 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import splu
 
+from .solvers import Factorisation
 from .surface import FloatArray, IntArray, Surface
-
-TOLERANCE = 1e-10
-"""Conjugate gradients end when the residual has fallen to this share."""
-MOST_STEPS = 1000
 
 
 def smoothed_points(surface: Surface, length: float) -> FloatArray:
@@ -26,6 +22,10 @@ def smoothed_points(surface: Surface, length: float) -> FloatArray:
     ----------
     surface : a manifold; its rims are smoothed as curves, and the rest follows them.
     length : mm, the standard deviation of the Gaussian that this stands for.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError : triangles have all but no area.
 
     Examples
     --------
@@ -46,7 +46,7 @@ def smoothed_points(surface: Surface, length: float) -> FloatArray:
     if len(inner):
         matrix = (sparse.diags(surface.mass) + time * surface.laplacian).tocsr()[inner]
         right = surface.mass[inner, None] * surface.points[inner] - matrix @ np.where(free[:, None], 0.0, points)
-        points[inner] = _solve(matrix[:, inner], right, points[inner])
+        points[inner] = Factorisation(matrix[:, inner]).solve(right)
     return points
 
 
@@ -62,26 +62,4 @@ def _smoothed_curves(points: FloatArray, loops: Sequence[IntArray], time: float)
         step = step + step.T
         blocks.append(sparse.diags(masses[-1] + time * np.asarray(step.sum(axis=1)).ravel()) - time * step)
     mass = np.concatenate(masses)
-    return splu(sparse.block_diag(blocks, format="csc")).solve(mass[:, None] * points[np.concatenate(loops)])
-
-
-def _solve(matrix: sparse.csr_matrix, right: FloatArray, start: FloatArray) -> FloatArray:
-    """Conjugate gradients with the diagonal as preconditioner, all coordinates as one vector: turned coordinates give
-    the turned result."""
-    inverse = 1.0 / matrix.diagonal()[:, None]
-    x = start
-    residual = right - matrix @ x
-    direction = inverse * residual
-    product = float((residual * direction).sum())
-    goal = TOLERANCE**2 * float((right * inverse * right).sum())
-    for _ in range(MOST_STEPS):
-        if product <= goal:
-            break
-        image = matrix @ direction
-        step = product / float((direction * image).sum())
-        x = x + step * direction
-        residual = residual - step * image
-        preconditioned = inverse * residual
-        product, before = float((residual * preconditioned).sum()), product
-        direction = preconditioned + product / before * direction
-    return x
+    return Factorisation(sparse.block_diag(blocks, format="csc")).solve(mass[:, None] * points[np.concatenate(loops)])

@@ -126,23 +126,24 @@ class Flattener:
         with watch.stage("cavity"):
             seeds = check_labels(seeds, anatomy)
             cavity, surface, flipped = self._prepare(np.array([seeds[label] for label in anatomy.outer_seeds]))
-        report(progress, 0.15, "Dividing the surface into regions")
-        with watch.stage("division"):
-            snapped = snap_seeds(seeds, cavity, anatomy)
-            if self.method == "paper":
-                connected = connect_seeds(cavity, snapped, anatomy, WaysOverCovers(cavity), self.check_axes)
-                division = divide_as_published(cavity.surface, connected, self.template, self.rounding)
-                constraints = constraints_by_count(division, self.template, self.rounding == "paper")
-            else:
-                for _ in range(FLIPS):
-                    division, constraints = self._divide(cavity, surface, snapped)
-                    surface, more = flip_folded(surface, [*cavity.rims, cavity.outer], division, constraints)
-                    flipped += more
-                    if not more:
-                        break
-        report(progress, 0.3, "Flattening")
         freed = np.zeros(0, np.int64)
         try:
+            report(progress, 0.15, "Dividing the surface into regions")
+            with watch.stage("division"):
+                snapped = snap_seeds(seeds, cavity, anatomy)
+                if self.method == "paper":
+                    connected = connect_seeds(cavity, snapped, anatomy, WaysOverCovers(cavity), self.check_axes)
+                    division = divide_as_published(cavity.surface, connected, self.template, self.rounding)
+                    constraints = constraints_by_count(division, self.template, self.rounding == "paper")
+                else:
+                    division, constraints = self._divide(cavity, surface, snapped)
+                    for _ in range(FLIPS):
+                        surface, more = flip_folded(surface, [*cavity.rims, cavity.outer], division, constraints)
+                        if not more:
+                            break
+                        flipped += more
+                        division, constraints = self._divide(cavity, surface, snapped)
+            report(progress, 0.3, "Flattening")
             if self.method == "paper":
                 flat = self._solve_as_published(surface, constraints, watch, progress)
             else:

@@ -195,12 +195,6 @@ class _Part:
         self.solver: Factorisation | None = None
 
 
-def lower_distortion(flat: FloatArray, surface: Surface, movable: NDArray[np.bool_]) -> FloatArray:
-    """A map (n, 2) without folds with as little change of angles and areas as can be; see `Refinement`."""
-    scale = float(np.sqrt(operators.triangle_areas(flat, surface.triangles).sum() / surface.area))
-    return Refinement(flat, surface, movable, scale).lower(flat)
-
-
 def _radius(flat: FloatArray) -> float:
     return 0.5 * float(np.ptp(flat, axis=0).max())
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import Delaunay
 
+from LAFlatteningLib.flattening.refinement import Refinement
 from LAFlatteningLib.operators import signed_areas
 from LAFlatteningLib.surface import Surface
 
@@ -163,3 +164,9 @@ def torus(major: float = 30.0, minor: float = 10.0, n: int = 24) -> Surface:
         ]
     )
     return Surface(points, triangles)
+
+
+def lowered(flat: np.ndarray, surface: Surface, movable: np.ndarray) -> np.ndarray:
+    """A map (n, 2) without folds at its least distortion, at the scale that it has."""
+    scale = float(np.sqrt(np.abs(signed_areas(flat, surface.triangles)).sum() / surface.area))
+    return Refinement(flat, surface, movable, scale).lower(flat)

@@ -10,7 +10,6 @@ from LAFlatteningLib import distortion, operators
 from LAFlatteningLib.errors import FoldError
 from LAFlatteningLib.flattening.descent import descend
 from LAFlatteningLib.flattening.energy import AREA, GUARDED_FROM, PatchEnergy, rest_shapes
-from LAFlatteningLib.flattening.refinement import lower_distortion
 from LAFlatteningLib.flattening.untangling import untangle
 
 
@@ -107,7 +106,7 @@ def test_a_map_is_taken_to_its_minimum():
     inner = fixed & (np.linalg.norm(flat, axis=1) < 30.0)
     turn = np.array([[np.cos(0.2), -np.sin(0.2)], [np.sin(0.2), np.cos(0.2)]])
     flat[inner] = flat[inner] @ turn.T
-    low = lower_distortion(flat, surface, ~fixed)
+    low = meshes.lowered(flat, surface, ~fixed)
     scale = np.sqrt(operators.triangle_areas(flat, surface.triangles).sum() / surface.area)
     rest = rest_shapes(surface.points, surface.triangles, float(scale))
     energy = PatchEnergy(low, surface.triangles, rest, ~fixed, surface.triangle_areas / surface.triangle_areas.mean())
@@ -149,7 +148,7 @@ def test_descent_returns_to_the_identity_without_folding_on_the_way():
 def test_refinement_leaves_a_perfect_map_and_fixed_points_alone():
     surface, fixed = ring()
     flat = 0.01 * surface.points[:, :2]
-    assert np.abs(lower_distortion(flat, surface, ~fixed) - flat).max() < 1e-9
+    assert np.abs(meshes.lowered(flat, surface, ~fixed) - flat).max() < 1e-9
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -202,7 +201,7 @@ def test_descent_from_a_folded_map_without_regularisation_is_refused():
     flat = surface.points[:, :2].copy()
     flat[np.flatnonzero(~fixed)[0]] *= -1
     with pytest.raises(ValueError, match="without folded triangles"):
-        lower_distortion(flat, surface, ~fixed)
+        meshes.lowered(flat, surface, ~fixed)
 
 
 def test_energy_does_not_depend_on_how_finely_the_surface_is_meshed():

@@ -200,8 +200,6 @@ def test_flat_disk_with_holes_maps_to_itself():
 
 def test_map_of_a_flat_disk_is_exact_when_its_rims_and_paths_are():
     """Solvers alone: coordinates are harmonic on a flat mesh and the identity has the least energy."""
-    from LAFlatteningLib.flattening.refinement import lower_distortion
-
     surface, _ = disk_like_the_template(Template.load("adapted1"))
     identity = surface.points[:, :2] / 100.0
     fixed = np.concatenate(surface.boundary_loops)
@@ -209,7 +207,7 @@ def test_map_of_a_flat_disk_is_exact_when_its_rims_and_paths_are():
     assert np.abs(flat - identity).max() < 1e-9
     movable = np.ones(len(identity), bool)
     movable[fixed] = False
-    assert np.abs(lower_distortion(flat, surface, movable) - identity).max() < 1e-9
+    assert np.abs(meshes.lowered(flat, surface, movable) - identity).max() < 1e-9
 
 
 # ---- promises of the regional method ----
@@ -546,3 +544,21 @@ def test_rims_a_triangle_apart_on_a_coarse_atrium(data_dir):
     assert flat_map.flipped_edges == 1
     check_promises(flat_map)
     assert operators.signed_areas(flat_map.points, flat_map.triangles).min() > 0.0
+
+
+@pytest.mark.parametrize("rounds", [1, 2])
+def test_the_division_is_that_of_the_surface_even_where_flips_do_not_end(phantom, monkeypatch, rounds):
+    import LAFlatteningLib.flattening.flattener as module
+
+    def always(surface, *_):
+        return surface.with_triangles(surface.triangles[::-1]), 1
+
+    monkeypatch.setattr(module, "FLIPS", rounds)
+    monkeypatch.setattr(module, "flip_folded", always)
+    flat_map = flatten(phantom.surface, phantom.seeds)
+    parent = flat_map.division.parent
+    whole = np.bincount(parent)[parent] == 1
+    cut = flat_map.division.surface.triangles
+    assert np.array_equal(cut[whole], flat_map.surface.triangles[parent[whole]])
+    assert flat_map.flipped_edges == rounds
+    check_promises(flat_map)
