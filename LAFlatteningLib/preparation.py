@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from .cavity.covers import HOLE_ARRAY
 from .cavity.handles import Handle, remove_handles
 from .cavity.healing import heal
 from .cavity.opening_up import open_up
-from .cavity.openings import check_surface
+from .cavity.openings import check_surface, open_covers
 from .cavity.plan import KEEP_MM, CutPlan, PlannedOpening, plan_cuts
 from .progress import ProgressCallback, Stopwatch, part, report
 from .remeshing import remesh
@@ -159,12 +159,12 @@ def prepare(
         result.surface, notes = check_surface(healed, handles_allowed=True)
         result.repairs += notes
         if HOLE_ARRAY in result.surface.point_data:
-            # Covers are cut anew, and the array means nothing on the cavity.
-            kept = {name: values for name, values in result.surface.point_data.items() if name != HOLE_ARRAY}
-            result.surface = replace(result.surface, point_data=kept)
-            result.repairs.append(
-                f'The array "{HOLE_ARRAY}", which marks covers, was left out: openings are found anew.'
-            )
+            result.surface, covers = open_covers(result.surface)
+            if covers:
+                result.repairs.append(
+                    f'{covers} cover{"s" if covers > 1 else ""}, marked by the array "{HOLE_ARRAY}", '
+                    f"{'were' if covers > 1 else 'was'} taken off."
+                )
     with watch.stage("handles"):
         # Before remeshing: a handle may be narrower than the new triangles.
         result.surface, result.handles = remove_handles(

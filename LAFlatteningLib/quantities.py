@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,19 @@ def unit_of(name: str) -> str:
 def is_voltage(name: str) -> bool:
     """Whether an array holds voltages, of which low ones are diseased."""
     return unit_of(name) == "mV"
+
+
+def bipolar_array(names: Iterable[str]) -> str | None:
+    """The one of several arrays that holds bipolar voltages by its name; None without one, or where several may be it.
+
+    Examples
+    --------
+    >>> bipolar_array(["LAT", "Unipolar", "Bipolar"]), bipolar_array(["Voltage (mV)"]), bipolar_array(["LGE"])
+    ('Bipolar', 'Voltage (mV)', None)
+    """
+    voltages = [name for name in names if is_voltage(name) and "unipolar" not in name.lower()]
+    found = [name for name in voltages if "bipolar" in name.lower()] or voltages
+    return found[0] if len(found) == 1 else None
 
 
 def diseased_side(name: str) -> str:

@@ -230,6 +230,20 @@ def make_cavity(surface: Surface, anatomy: Anatomy, outer_points: FloatArray) ->
     return Cavity(closed, cover, part, ids, tuple(rims[k] for k in sorted(rims)), outer_rim, tuple(notes))
 
 
+def open_covers(surface: Surface) -> tuple[Surface, int]:
+    """The surface without the covers that the array ``hole`` marks, and without that array; and how many these were.
+
+    Raises
+    ------
+    SurfaceError : an array of this name that marks no covers.
+    """
+    cover = _marked_covers(surface)
+    kept = {name: values for name, values in surface.point_data.items() if name != HOLE_ARRAY}
+    bare = replace(surface, point_data=kept)
+    count = int(cover.max(initial=-1)) + 1
+    return (bare.submesh(cover < 0)[0] if count else bare), count
+
+
 def _marked_covers(surface: Surface) -> IntArray:
     """(m,) number of the cover that each triangle belongs to, going by the array ``hole``; -1 for none."""
     none = np.full(len(surface.triangles), -1, np.int64)

@@ -25,6 +25,7 @@ from ..parcellation import Parcellation, builtin_parcellations, parcels_of
 from ..preparation import Preparation, prepare
 from ..progress import part
 from ..projection import project
+from ..quantities import bipolar_array, diseased_side
 from ..run_report import write_run_report
 from ..scalar_arrays import corner_values
 from ..surface import Surface
@@ -43,16 +44,16 @@ from .prepare import (
 from .progress import Progress
 
 FILES = ("cavity.vtp", "seeds.mrk.json", "map.vtp", "metrics.json", "prepare.json", "figure.png", "report.html")
-VOLUME_FILES = ("fibrosis.json", "fibrosis.csv", "fibrosis.png", "gaps.json", "gaps.png")
-"""Also written where an image is given."""
+MEASURED_FILES = ("fibrosis.json", "fibrosis.csv", "fibrosis.png", "gaps.json", "gaps.png")
+"""Also written where there is something to measure: an image, bipolar voltage, or an array and a rule."""
 SECOND_FILES = ("comparison.json", "comparison.csv", "comparison.png", "difference.png")
 """Also written where a second map is given."""
 ARRAY = "LGE"
 """Point array of the projected intensities."""
 BY_TEMPLATE = "vein_surroundings"
 """Parcellation in which gaps are looked for where `SEARCH_MM` is too much."""
-DEFAULT_RULE = "sd=2.3,3.3"
-"""Common classes of fibrosis that hold for intensities on any scale."""
+DEFAULT_RULE, VOLTAGE_RULE = "sd=2.3,3.3", "value=0.5,0.1"
+"""Common classes of fibrosis that hold for intensities on any scale, and of bipolar voltage, in mV."""
 
 
 def add(commands: Subcommands) -> None:
@@ -66,22 +67,26 @@ def add(commands: Subcommands) -> None:
     )
     add_input_options(sub)
     sub.add_argument("--output", required=True, metavar="DIR", help="folder for " + ", ".join(FILES))
-    sub.add_argument("--volume", metavar="LGE", help="image to project onto the wall; adds " + ", ".join(VOLUME_FILES))
+    sub.add_argument("--volume", metavar="LGE", help="image to project onto the wall, and to measure fibrosis in")
     sub.add_argument(
         "--rule",
-        help="classes of fibrosis, sd=K,.. iir=R,.. or value=V,..; the first threshold is also that of gaps in "
-        f"ablation lines (default: {DEFAULT_RULE})",
+        help="classes, sd=K,.. iir=R,.. or value=V,.. from normal to diseased, of the image, or else of --array; the "
+        f"first threshold is also that of gaps in ablation lines (default: {DEFAULT_RULE} of an image, {VOLTAGE_RULE} "
+        "mV of bipolar voltage). Measuring adds " + ", ".join(MEASURED_FILES),
     )
     sub.add_argument(
         "--parcellation",
         action="append",
         default=[],
         metavar="NAME|FILE.json",
-        help=f"sub-regions to measure fibrosis in, may be repeated: {', '.join(builtin_parcellations())}, or a file",
+        help=f"sub-regions to measure in, may be repeated: {', '.join(builtin_parcellations())}, or a file",
     )
     sub.add_argument("--second", metavar="MAP.vtp", help="another map to compare with; adds " + ", ".join(SECOND_FILES))
     sub.add_argument(
-        "--array", metavar="NAME", help=f"array that is drawn, and compared with the other map (default: {ARRAY})"
+        "--array",
+        metavar="NAME",
+        help="array that is drawn, and compared with the other map; measured by --rule where no image is given "
+        f"(default: {ARRAY}, the image; to be measured, bipolar voltage)",
     )
     sub.add_argument("--second-array", metavar="NAME", help="array of the other map (default: the same)")
     sub.add_argument("--method", choices=METHODS, default=METHODS[0], help="default: %(default)s")
@@ -96,15 +101,15 @@ def add(commands: Subcommands) -> None:
 def run(options: argparse.Namespace, progress: Progress) -> None:
     """Read, prepare, flatten, write; after an error the folder has what was reached, and in ``prepare.json`` why."""
     folder = Path(options.output)
-    files = {name: folder / name for name in (*FILES, *VOLUME_FILES, *SECOND_FILES)}
+    files = {name: folder / name for name in (*FILES, *MEASURED_FILES, *SECOND_FILES)}
     check_figure_path(files["figure.png"])
     _check_options(options)
-    rule = Rule.parse(options.rule or DEFAULT_RULE)
     progress(0.0, "Reading")
     surface, notes, is_label_map = read_input(options, part(progress, 0.0, 0.1))
     settings = settings_of(options, is_label_map)
     tips, planes = read_given(options, surface.space)
     _check_array(options, surface)
+    measured = _measured(options, surface)
     template = Template.load(options.template)
     if set(template.anatomy.seeds) != set(LEFT_ATRIUM.seeds):
         raise InputFileError(
@@ -143,9 +148,9 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
         flattener = Flattener(preparation.cavity, template, options.method, check_axes=not options.ignore_axes)
         flat_map = flattener.flatten(preparation.seeds, part(progress, 0.45, 0.7))
         write_map(flat_map, files["map.vtp"], files["metrics.json"], files["figure.png"], options.array, progress)
-        if volume is not None:
-            progress(0.75, "Measuring fibrosis and gaps")
-            searched = _measure(flat_map, volume, rule, pool, parcellations, files)
+        if measured is not None:
+            progress(0.75, "Measuring fibrosis and gaps" if volume is not None else f"Measuring {measured[0]}")
+            searched = _measure(flat_map, *measured, volume, pool, parcellations, files)
             if not files["gaps.json"].exists():
                 # There is no other place to say why.
                 preparation.repairs, searched = preparation.repairs + searched, []
@@ -167,9 +172,6 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
 
 def _check_options(options: argparse.Namespace) -> None:
     """Raise InputFileError for options that would have no effect, before any work."""
-    for name in ("rule", "parcellation"):
-        if getattr(options, name) and not options.volume:
-            raise InputFileError(f"--{name} belongs to fibrosis in an image: give the image with --volume.")
     if options.second_array and not options.second:
         raise InputFileError("--second-array says what is compared with another map: give that with --second.")
 
@@ -185,6 +187,41 @@ def _check_array(options: argparse.Namespace, surface: Surface) -> None:
         )
 
 
+def _measured(options: argparse.Namespace, surface: Surface) -> tuple[str, Rule] | None:
+    """The array that is measured, and by which rule; None where there is nothing to measure.
+
+    Raises
+    ------
+    LAFlatteningError : a rule, or sub-regions to measure in, for nothing.
+    """
+    if options.volume:
+        return ARRAY, Rule.parse(options.rule or DEFAULT_RULE)
+    voltage = bipolar_array([*surface.point_data, *surface.cell_data])
+    asked = next((f"--{name}" for name in ("rule", "parcellation") if getattr(options, name)), None)
+    array = options.array if options.rule and options.array else voltage
+    if array is None:
+        if asked is None:
+            return None
+        raise InputFileError(
+            f"{asked} says how something is measured, and there is nothing to measure: give the image with --volume, "
+            "or the name of an array of the atrium with --array and its thresholds with --rule value=..."
+        )
+    rule = Rule.parse(options.rule or VOLTAGE_RULE, diseased_side(array))
+    if rule.needs_blood_pool:
+        raise InputFileError(
+            f"The rule {rule.kind} compares with the blood pool: give the image with --volume, or take "
+            f"--rule value=... for {array}."
+        )
+    try:
+        corner_values(surface, array)
+    except LAFlatteningError:
+        if asked is None:
+            # An empty column, which nobody asked for.
+            return None
+        raise
+    return array, rule
+
+
 def _project(preparation: Preparation, volume: Volume) -> BloodPool:
     """Put the intensities of the wall on the cavity; returns the blood inside it."""
     cavity = preparation.cavity
@@ -197,15 +234,17 @@ def _project(preparation: Preparation, volume: Volume) -> BloodPool:
 
 def _measure(
     flat_map: FlatMap,
-    volume: Volume,
+    array: str,
     rule: Rule,
+    volume: Volume | None,
     pool: BloodPool | None,
     parcellations: list[Parcellation],
     files: dict[str, Path],
 ) -> list[str]:
-    """Write fibrosis by region, and gaps at its first threshold; returns what could not be measured."""
-    fibrosis = measure_fibrosis(flat_map, ARRAY, rule, pool, parcels=parcels_of(flat_map, parcellations), volume=volume)
-    gaps, notes = search_gaps(flat_map, fibrosis.thresholds[0])
+    """Write fibrosis (or low voltage) by region, and gaps at its first threshold; returns what could not be
+    measured."""
+    fibrosis = measure_fibrosis(flat_map, array, rule, pool, parcels=parcels_of(flat_map, parcellations), volume=volume)
+    gaps, notes = search_gaps(flat_map, array, fibrosis.thresholds[0])
     with ExitStack() as written:
         page = written.enter_context(atomic_write(files["fibrosis.png"]))
         draw_fibrosis(flat_map, fibrosis, page, parcellations=parcellations)
@@ -220,7 +259,7 @@ def _measure(
     return notes
 
 
-def search_gaps(flat_map: FlatMap, threshold: float) -> tuple[GapReport | None, list[str]]:
+def search_gaps(flat_map: FlatMap, array: str, threshold: float) -> tuple[GapReport | None, list[str]]:
     """Gaps round the veins, if possible within `SEARCH_MM` of them; and what the user should know of the search.
 
     In a narrow atrium these areas may run into another opening; those that are drawn on the template do less often.
@@ -231,7 +270,7 @@ def search_gaps(flat_map: FlatMap, threshold: float) -> tuple[GapReport | None, 
         (BY_TEMPLATE, "in the areas of the template round"),
     ):
         try:
-            gaps = find_gaps(flat_map, ARRAY, (threshold,), search=search)
+            gaps = find_gaps(flat_map, array, (threshold,), search=search)
         except SurfaceError as error:
             notes.append(f"Gaps were not looked for {where} the veins: {error}")
             continue

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from vtkmodules.vtkCommonCore import VTK_STRING, vtkEventForwarderCommand, vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkPolyData
 from vtkmodules.vtkCommonExecutionModel import vtkAlgorithm
@@ -15,6 +17,7 @@ from vtkmodules.vtkIOLegacy import vtkPolyDataWriter
 from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLPolyDataWriter
 
 from ..errors import SurfaceError
+from ..quantities import NO_VALUE, measured, unit_of
 from ..surface import Surface
 from .access import (
     HEADER,
@@ -39,7 +42,8 @@ def read_surface(path: PathLike) -> Surface:
 
     Points are in mm. `Surface.space` is what the file declares, as 3D Slicer declares it ("SPACE=RAS" in the header
     or comment, a string array "SPACE" in .vtp), and "LPS" where it declares nothing. Points of an .stl file with
-    exactly the same coordinates are made one; points of all other files stay as they are, in their order.
+    exactly the same coordinates are made one; points of all other files stay as they are, in their order. Arrays of
+    quantities that mapping systems record (`quantities.KNOWN_UNITS`) are NaN where nothing was measured.
 
     Raises
     ------
@@ -54,7 +58,8 @@ def read_surface(path: PathLike) -> Surface:
     try:
         # Of NaN among the points, Surface says more than a warning of numpy.
         with np.errstate(invalid="ignore"):
-            return read(path)
+            surface = read(path)
+        return surface.with_data(_gaps_as_nan(surface.point_data), _gaps_as_nan(surface.cell_data))
     except SurfaceError as error:
         raise SurfaceError(f'"{path}": {error}') from error
     except OSError as error:
@@ -75,6 +80,15 @@ def write_surface(surface: Surface, path: PathLike) -> None:
     write = _WRITERS[known_suffix(path, _WRITERS, "a surface")]
     with atomic_write(path) as temporary:
         write(surface, temporary)
+
+
+def _gaps_as_nan(arrays: Mapping[str, NDArray]) -> dict[str, NDArray]:
+    """Those of the arrays in which a mapping system marks places without a measurement, marked by NaN instead.
+
+    Not marked so they would be very low voltages, and be averaged with others.
+    """
+    recorded = {name: array for name, array in arrays.items() if unit_of(name) and array.dtype.kind in "fiu"}
+    return {name: measured(array) for name, array in recorded.items() if (array == NO_VALUE).any()}
 
 
 class _Messages(list[str]):

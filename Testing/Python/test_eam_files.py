@@ -155,6 +155,20 @@ def test_carto_map_is_read_in_patient_axes_with_missing_values(tmp_path):
     np.testing.assert_array_equal(found.point_data["Scar"], z > -40)
 
 
+def test_no_value_in_surface_files_is_no_voltage(tmp_path):
+    surface = chamber()
+    voltage = np.where(np.arange(len(surface.points)) % 5 == 0, NO_VALUE, 1.5)
+    arrays = {"Bipolar voltage": voltage, "LAT": voltage.astype(np.int32), "depth": voltage}
+    write_surface(surface.with_data(arrays, {"Unipolar": np.full(len(surface.triangles), 2.0)}), tmp_path / "a.vtk")
+    found = read_surface(tmp_path / "a.vtk")
+    for name in ("Bipolar voltage", "LAT"):
+        np.testing.assert_array_equal(np.isnan(found.point_data[name]), voltage == NO_VALUE)
+        assert np.nanmin(found.point_data[name]) == pytest.approx(1.5, abs=0.5)
+    # Of what is no quantity of a mapping system nothing is known, and what has all its values stays as it was.
+    np.testing.assert_array_equal(found.point_data["depth"], voltage)
+    assert found.cell_data["Unipolar"].min() == 2.0
+
+
 def test_columns_of_one_name_do_not_hide_each_other(tmp_path):
     surface = chamber()
     rising, falling = np.arange(float(len(surface.points))), -np.arange(float(len(surface.points)))

@@ -247,6 +247,38 @@ def test_a_long_open_vein_is_cut_back(closed):
     assert np.linalg.norm(again.plan.openings["RSPV"].plane.centre - rim_place(closed.shape, "RSPV")) < 3.0
 
 
+def covered_by_marks(phantom):
+    """The phantom with covers over veins and appendage, their inner points marked."""
+    valve = phantom.surface.boundary_loops[np.argmax([len(loop) for loop in phantom.surface.boundary_loops])]
+    rims = [loop for loop in phantom.surface.boundary_loops if loop[0] not in valve]
+    closed, cover = close_rims(phantom.surface, rims)
+    marks = np.zeros(len(closed.points))
+    marks[np.unique(closed.triangles[cover >= 0])] = 1
+    marks[np.concatenate(rims)] = 0
+    return closed, marks
+
+
+def test_covers_that_are_marked_are_taken_off(phantom):
+    closed, marks = covered_by_marks(phantom)
+    bare, from_open = closed.with_data({"hole": marks}), prepare(phantom.surface, AS_IT_IS)
+    made = prepare(bare, AS_IT_IS)
+    assert "5 covers" in " ".join(made.notes)
+    assert len(made.cavity.points) == len(phantom.surface.points)
+    assert "hole" not in made.cavity.point_data
+    for label, place in from_open.seeds.items():
+        assert made.seeds[label] == pytest.approx(place, abs=1e-9)
+    # An array that marks nothing says nothing.
+    unmarked = prepare(phantom.surface.with_data({"hole": np.zeros(len(phantom.surface.points))}), AS_IT_IS)
+    assert len(unmarked.cavity.points) == len(made.cavity.points)
+    assert not any("cover" in note for note in unmarked.repairs)
+
+
+def test_an_array_named_hole_that_marks_no_covers_is_refused(phantom):
+    depth = phantom.surface.with_data({"hole": phantom.surface.points[:, 2]})
+    with pytest.raises(SurfaceError, match="remove it if it means something else"):
+        prepare(depth, AS_IT_IS)
+
+
 def test_a_hole_that_is_no_opening_is_covered(closed, prepared):
     keep = np.linalg.norm(
         closed.surface.points[closed.surface.triangles].mean(axis=1) - (closed.shape.centre + np.array([0, 30.0, 0])),

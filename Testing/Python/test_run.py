@@ -29,6 +29,9 @@ def run(files, *options):
     [
         (("--rule", "iir=1.2"), "give the image with --volume"),
         (("--parcellation", "vein_segments"), "give the image with --volume"),
+        (("--rule", "iir=1.2", "--array", "LGE"), "take --rule value=... for LGE"),
+        (("--rule", "value=120", "--array", "lge"), 'no array "lge"'),
+        (("--rule", "value=132,120", "--array", "LGE"), "out of order"),
         (("--second-array", "LGE"), "give that with --second"),
         (("--second", "MAP", "--array", "Bipolar"), 'no array "Bipolar"'),
         (("--second", "MAP", "--second-array", "Bipolar"), 'no array "Bipolar"'),
@@ -67,3 +70,43 @@ def test_low_voltages_of_both_maps_are_ranked_as_diseased(files, phantom):
     page = (files / "out" / "report.html").read_text(encoding="utf-8")
     assert "A is Bipolar of this map, B is LGE of map.vtp" in page
     assert "map.vtp" in page[: page.index("Not a medical device")]
+
+
+def test_an_array_is_measured_by_a_rule_without_an_image(files, phantom):
+    assert run(files, "--array", "LGE", "--rule", "value=120", "--parcellation", "vein_segments") == 0
+    found = json.loads((files / "out" / "fibrosis.json").read_text())
+    whole = found["parts"][0]
+    # In closed form: 120 lies between wall and scar of the phantom.
+    share = 100.0 * sum(phantom.shape.scar_areas().values()) / phantom.surface.area
+    assert whole["class_percent"][1] == pytest.approx(share, abs=3.0)
+    assert {part["group"] for part in found["parts"]} >= {"region", "vein_segments"}
+    assert "LGE" in json.loads((files / "out" / "gaps.json").read_text())["array"]
+
+
+def test_bipolar_voltage_is_measured_unasked(files, phantom):
+    """Where a mapping system measured nothing it writes -10000, which is no low voltage."""
+    voltage = np.where(phantom.surface.points[:, 2] > phantom.surface.points[:, 2].mean(), 2.0, 0.3)
+    unknown = np.linalg.norm(phantom.surface.points - phantom.surface.points[700], axis=1) < 12.0
+    voltage[unknown] = -10000.0
+    write_surface(phantom.surface.with_data({"Bipolar": voltage, "Unipolar": voltage + 3.0}), files / "atrium.vtp")
+    assert run(files) == 0
+    found = json.loads((files / "out" / "fibrosis.json").read_text())
+    assert (found["array"], found["direction"], found["unit"]) == ("Bipolar", "below", "mV")
+    assert found["thresholds"] == [0.5, 0.1]
+    whole = found["parts"][0]
+    assert whole["class_percent"][2] == 0.0
+    assert whole["missing_cm2"] > 1.0
+    assert 20.0 < whole["class_percent"][1] < 70.0
+    page = (files / "out" / "report.html").read_text(encoding="utf-8")
+    assert "Low voltage" in page
+    assert "mV" in page
+
+
+def test_an_empty_voltage_is_no_reason_to_refuse_a_map(files, phantom):
+    write_surface(
+        phantom.surface.with_data({"Bipolar": np.full(len(phantom.surface.points), -10000.0)}), files / "atrium.vtp"
+    )
+    assert run(files) == 0
+    assert (files / "out" / "map.vtp").exists()
+    assert not (files / "out" / "fibrosis.json").exists()
+    assert run(files, "--rule", "value=0.5") == 2

@@ -21,14 +21,14 @@ def refusing(*refused):
 
 
 def test_nothing_is_said_where_the_usual_areas_do(phantom_map):
-    gaps, notes = run.search_gaps(phantom_map, 120.0)
+    gaps, notes = run.search_gaps(phantom_map, "LGE", 120.0)
     assert notes == []
     assert gaps.search == "within 15 mm of the rims"
 
 
 def test_other_search_areas_are_told_in_words(phantom_map, monkeypatch):
     monkeypatch.setattr(run, "find_gaps", refusing(run.SEARCH_MM))
-    gaps, notes = run.search_gaps(phantom_map, 120.0)
+    gaps, notes = run.search_gaps(phantom_map, "LGE", 120.0)
     assert gaps.search == run.BY_TEMPLATE
     assert gaps.notes[:2] == tuple(notes)
     assert notes[0] == f"Gaps were not looked for within 15 mm of the veins: {TOO_NARROW}"
@@ -37,7 +37,7 @@ def test_other_search_areas_are_told_in_words(phantom_map, monkeypatch):
 
 def test_it_is_told_why_there_are_no_gaps(phantom_map, monkeypatch):
     monkeypatch.setattr(run, "find_gaps", refusing(run.SEARCH_MM, run.BY_TEMPLATE))
-    gaps, notes = run.search_gaps(phantom_map, 120.0)
+    gaps, notes = run.search_gaps(phantom_map, "LGE", 120.0)
     assert gaps is None
     assert [TOO_NARROW in note for note in notes] == [True, True]
 
