@@ -84,7 +84,9 @@ def new_page(title: str, facts: Sequence[str] = ()) -> Figure:
     figure = Figure(figsize=PAGE_INCHES, dpi=DOTS_PER_INCH, facecolor="white")
     centred: dict[str, Any] = {"ha": "center", "va": "center", "parse_math": False}
     figure.text(0.5, 1.0 - 0.32 / PAGE_INCHES[1], title, size=TITLE_SIZE, color=INK, **centred)
-    text = textwrap.fill("  ·  ".join([*facts, DISCLAIMER, f"LAFlattening {__version__}"]), LONGEST_LINE)
+    # Held together by spaces at which no line is broken.
+    closing = "\N{NO-BREAK SPACE}".join(f"{DISCLAIMER} · LAFlattening {__version__}".split())
+    text = textwrap.fill("  ·  ".join([*facts, closing]), LONGEST_LINE)
     figure.text(0.5, 0.2 / PAGE_INCHES[1], text, size=SMALL_SIZE, color=FAINT, **centred)
     return figure
 
