@@ -19,6 +19,7 @@ from .errors import LAFlatteningError
 from .fine_projection import project_finely
 from .flattening.flat_map import REGION_ARRAY, FlatMap
 from .map_data import MapData
+from .projection import projection_of
 from .quantities import diseased_side, is_voltage, readable, unit_of
 from .rules import DIRECTIONS, RULES, Rule
 from .scalar_arrays import corner_values, share_reaching
@@ -97,6 +98,7 @@ class Fibrosis:
     class_names: tuple[str, ...]
     blood_pool: BloodPool | None
     sampled_mm: float | None
+    projection: Mapping[str, Any] | None
     parts: tuple[Part, ...]
     notes: tuple[str, ...]
 
@@ -129,6 +131,7 @@ class Fibrosis:
             "classes": list(self.class_names),
             "blood_pool": self.blood_pool.to_dict() if self.blood_pool else None,
             "sampled_mm": self.sampled_mm,
+            "projection": dict(self.projection) if self.projection else None,
             "parts": [
                 {
                     "group": part.group,
@@ -266,7 +269,18 @@ def measure_fibrosis(
             f"Values of {array} {rule.direction} the thresholds were counted as diseased; as a rule, those on the "
             "other side are."
         )
-    return Fibrosis(array, unit, rule, thresholds, names, blood_pool, sampled_mm, tuple(parts), tuple(notes))
+    return Fibrosis(
+        array,
+        unit,
+        rule,
+        thresholds,
+        names,
+        blood_pool,
+        sampled_mm,
+        projection_of(surface, array),
+        tuple(parts),
+        tuple(notes),
+    )
 
 
 def limits_in_words(thresholds: Sequence[float], direction: str, unit: str = "") -> list[str]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -79,6 +80,14 @@ class Projection:
                 f"{name}_statistic": np.array([self.statistic], dtype=object),
             },
         )
+
+
+def projection_of(surface: Surface, name: str) -> dict[str, Any] | None:
+    """How an array was projected, by what `Projection.on` wrote: ``interval_mm``, ``statistic``; None of others."""
+    interval, statistic = (surface.field_data.get(f"{name}_{what}") for what in ("interval_mm", "statistic"))
+    if interval is None or statistic is None:
+        return None
+    return {"interval_mm": [float(end) for end in np.ravel(interval)], "statistic": str(np.ravel(statistic)[0])}
 
 
 def project(

@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from .anatomy import LEFT_ATRIUM
+from .cavity.plan import USUAL_VALVE_MM
 from .fibrosis import ATRIUM, limits_in_words
 from .flattening.flat_map import REGION_ARRAY
+from .gaps.places import WIDE_MM
 from .report import Fixed, Picture, Section, Table
 
 FOUND_BY = {
@@ -31,12 +34,13 @@ def preparation_section(content: Mapping[str, Any], pictures: list[Picture]) -> 
             name,
             FOUND_BY.get(str(plane.get("found_by")), plane.get("found_by")),
             Fixed(plane.get("rim_perimeter_mm") or plane.get("perimeter_mm"), 1),
+            "{:.0f} to {:.0f}".format(*USUAL_VALVE_MM) if name == LEFT_ATRIUM.outer else None,
             Fixed(plane.get("kept_mm"), 1),
             ", ".join(f"{x:.0f}" for x in plane.get("centre_mm", ())),
         )
         for name, plane in content.get("planes", {}).items()
     ]
-    columns = ("opening", "how", "perimeter (mm)", "kept beyond the ostium (mm)", "centre (mm)")
+    columns = ("opening", "how", "perimeter (mm)", "usual (mm)", "kept beyond the ostium (mm)", "centre (mm)")
     caption = f"Openings (axes {content.get('space', 'unknown')})"
     warnings = [*map(str, content.get("repairs", ())), *map(str, content.get("notes", ()))]
     if sure == "low":
@@ -52,6 +56,14 @@ def fibrosis_section(content: Mapping[str, Any], pictures: list[Picture]) -> Sec
         f"{content['array']} in classes: {'; '.join(labels)}. Areas are measured on the atrium in 3D"
         + (f", the image sampled every {content['sampled_mm']:.1f} mm." if content.get("sampled_mm") else ".")
     ]
+    how = content.get("projection")
+    if how:
+        low, high = how["interval_mm"]
+        value = {"max": "largest", "mean": "mean"}.get(how["statistic"], how["statistic"])
+        words.append(
+            f"At each place it is the {value} intensity from {low:+.1f} to {high:+.1f} mm along the outward normal of "
+            "the wall (negative: inside the chamber)."
+        )
     pool = content.get("blood_pool")
     if pool:
         size = f", {pool['volume_ml']:.1f} ml" if pool.get("volume_ml") else ""
@@ -136,15 +148,8 @@ def summary_section(found: Mapping[str, Mapping[str, Any]]) -> Section | None:
     if "gaps" in found:
         results = found["gaps"]["results"]
         shown = results[len(results) // 2]
-        rings = [
-            f"{name} "
-            + (
-                "complete"
-                if ring["complete"]
-                else f"{ring['gap_length_mm']:.1f} mm open in {ring['gap_count'] + ring['small_gaps']}"
-            )
-            for name, ring in shown["areas"].items()
-        ]
+        rings = [f"{name} {_ring_words(ring)}" for name, ring in shown["areas"].items()]
+        rings += [f"{name} not measured" for name in found["gaps"].get("left_out", ())]
         rows.append(("rings of scar round the veins (length open, number of gaps)", "; ".join(rings)))
     if "comparison" in found:
         content = found["comparison"]
@@ -154,6 +159,13 @@ def summary_section(found: Mapping[str, Mapping[str, Any]]) -> Section | None:
             words += f", Dice {whole['dice']:.2f}"
         rows.append((f"agreement with {content['b']}", words))
     return Section("Summary", (), [Table(("", "found"), rows)]) if rows else None
+
+
+def _ring_words(ring: Mapping[str, Any]) -> str:
+    if ring["complete"]:
+        return "complete"
+    words = f"{ring['gap_length_mm']:.1f} mm open in {ring['gap_count'] + ring['small_gaps']}"
+    return f"{words} ({ring['wide_gaps']} of {WIDE_MM:g} mm or more)" if "wide_gaps" in ring else words
 
 
 def _class_labels(content: Mapping[str, Any]) -> list[str]:

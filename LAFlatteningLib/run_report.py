@@ -9,6 +9,7 @@ from typing import Any
 
 from .errors import InputFileError
 from .flattening.flat_map import USUAL_DILATATION
+from .gaps.places import ALL_ROUND, WIDE_MM, extent_words
 from .gaps.quantification import scar_words
 from .report import Fixed, Picture, Section, Table, write_report
 from .report_sections import comparison_section, fibrosis_section, preparation_section, summary_section
@@ -118,28 +119,38 @@ def gap_section(gaps: Mapping[str, Any], pictures: list[Picture]) -> Section:
         words.append(f"Gaps shorter than {gaps['minimum_mm']:g} mm are counted, not listed.")
     areas = shown["areas"]
     summary = Table(
-        ("round", "gaps", "gap length (mm)", "scar length (mm)", "RGM", "longest gap (mm)"),
+        (
+            "round",
+            "gaps",
+            f"of {WIDE_MM:g} mm or more",
+            "gap length (mm)",
+            "scar length (mm)",
+            "RGM",
+            "longest gap (mm)",
+        ),
         [
             (
                 name,
                 "complete" if ring["complete"] else str(ring["gap_count"] + ring["small_gaps"]),
+                ring.get("wide_gaps"),
                 Fixed(ring["gap_length_mm"]),
                 Fixed(ring["scar_length_mm"]),
                 Fixed(ring["rgm"], 3),
                 Fixed(max((gap["length_mm"] for gap in ring["gaps"]), default=None)),
             )
             for name, ring in areas.items()
-        ],
+        ]
+        + [(name, "not measured", *(None,) * 5) for name in gaps.get("left_out", ())],
         f"Gaps at the threshold {shown['threshold']:.4g}",
     )
     listed = [
-        (name, Fixed(gap["length_mm"]), gap["segment"], round(gap["angle_degrees"]))
+        (name, Fixed(gap["length_mm"]), _where(gap), round(gap["angle_degrees"]))
         for name, ring in areas.items()
         for gap in ring["gaps"]
     ]
     tables = [summary]
     if listed:
-        columns = ("round", "length (mm)", "segment", "angle on the map (degrees)")
+        columns = ("round", "length (mm)", "where", "angle on the map (degrees)")
         tables.append(Table(columns, listed[:MOST_ROWS], "Each gap"))
     if len(results) > 1:
         names = list(gaps["rgm_over_threshold"])
@@ -149,6 +160,11 @@ def gap_section(gaps: Mapping[str, Any], pictures: list[Picture]) -> Section:
         ]
         tables.append(Table((f"threshold of {gaps['array']}", *names), rows, "RGM over the threshold"))
     return Section("Gaps in ablation lines", words, tables, pictures, list(gaps.get("notes", [])))
+
+
+def _where(gap: Mapping[str, Any]) -> str:
+    middle = str(gap["segment"])
+    return middle if middle == ALL_ROUND else extent_words(middle, gap.get("segments", ()))
 
 
 def _percent(metrics: Mapping[str, Any], key: str) -> float | None:

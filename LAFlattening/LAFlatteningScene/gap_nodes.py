@@ -57,7 +57,7 @@ def gapListColumns(report: GapReport) -> dict[str, list[str] | np.ndarray]:
         "Around": [area for _, area, _, _ in rows],
         "Gap": np.array([k for _, _, k, _ in rows], np.int32),
         "Length (mm)": np.array([gap.length_mm for _, _, _, gap in rows]),
-        "Place": [gap.segment for _, _, _, gap in rows],
+        "Place": [gap.where for _, _, _, gap in rows],
     }
     places = np.array([gap.place_mm for _, _, _, gap in rows]).reshape(-1, 3)
     for k, axis in enumerate("RAS"):

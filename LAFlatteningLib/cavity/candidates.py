@@ -192,8 +192,8 @@ def candidates_by_rule(
         faint = [hole for hole, k in recognition.index.items() if candidates[k].rise_mm < EXTRA_RISE_MM]
         for hole in faint:
             planner.notes.append(
-                f"{hole} stands out by only {candidates[recognition.index[hole]].rise_mm:.1f} mm; check that it is a "
-                "vein."
+                f"{hole} stands out by only {candidates[recognition.index[hole]].rise_mm:.1f} mm; check that it is "
+                f"{'the appendage' if hole in planner.anatomy.appendages else 'a vein'}."
             )
         if faint:
             planner.faint = tuple(faint)

@@ -31,6 +31,10 @@ MIRRORED_RATIO = 1.4
 .85 in nine atria, 1.15 in one)."""
 
 
+USUAL_VALVE_MM = (80.0, 165.0)
+"""Perimeter of the mitral opening; 104 to 155 mm in the atria at hand that are cut well. Others are noted."""
+
+
 @dataclass(frozen=True, eq=False)
 class CutPlan:
     """All openings of an atrium, before anything is cut.
@@ -140,7 +144,11 @@ def plan_cuts(
             "in the wall, close it, or mark the tip of each vein (--tips)."
         )
         recognition = replace(recognition, confidence="low")
-    notes = [*(recognition.notes if recognition else ()), *planner.notes]
+    notes = [
+        *(recognition.notes if recognition else ()),
+        *planner.notes,
+        *_valve_notes(openings[anatomy.outer], anatomy),
+    ]
     return CutPlan(openings, extra, to_cover, recognition, notes)
 
 
@@ -292,6 +300,17 @@ def _valve(
     found = mitral_plane(body, veins, usual)
     planner.notes += found.notes
     return PlannedOpening(found.plane, found.found_by, found.perimeter_mm)
+
+
+def _valve_notes(valve: PlannedOpening, anatomy: Anatomy) -> list[str]:
+    """A note where the valve is smaller or larger than valves are: all areas depend on where it is cut."""
+    low, high = USUAL_VALVE_MM
+    if not anatomy.layout or not np.isfinite(valve.perimeter_mm) or low <= valve.perimeter_mm <= high:
+        return []
+    what = (
+        "Check that this rim is the valve's" if valve.found_by == "open" else "Look where it is cut, and move its plane"
+    )
+    return [f"{anatomy.outer} is {valve.perimeter_mm:.0f} mm round; usual are {low:.0f} to {high:.0f} mm. {what}."]
 
 
 def _extra_veins(

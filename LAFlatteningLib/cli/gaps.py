@@ -12,6 +12,7 @@ from ..fibrosis import DIRECTIONS
 from ..files import atomic_write, check_writable, read_surface
 from ..gaps import GapReport, find_gaps
 from ..gaps.figures import draw_gaps
+from ..gaps.places import WIDE_MM
 from ..gaps.search_areas import SEARCH_MM
 from ..map_data import MapData
 from ..page import check_figure_path
@@ -45,7 +46,9 @@ def add(commands: Subcommands) -> None:
     )
     gaps.add_argument("--output", required=True, metavar="G.json", help="the gaps, with the paths as lines")
     gaps.add_argument("--figure", metavar="F.png", help="write a picture of the gaps on the map (.png .pdf .svg)")
-    gaps.add_argument("--minimum", type=float, default=0.0, metavar="MM", help="list gaps of at least so many mm")
+    gaps.add_argument(
+        "--minimum", type=float, default=0.0, metavar="MM", help="list gaps of at least so many mm (default: all)"
+    )
     gaps.add_argument(
         "--search",
         default=f"{SEARCH_MM:g}",
@@ -113,9 +116,10 @@ def _report(found: GapReport) -> None:
     for threshold in found.thresholds:
         print(f"scar: {found.scar_words(threshold)}")
         for area, ring in found.at(threshold).items():
-            lengths = ", ".join(f"{gap.length_mm:.1f} mm ({gap.segment})" for gap in ring.gaps)
+            lengths = ", ".join(f"{gap.length_mm:.1f} mm ({gap.where})" for gap in ring.gaps)
             small = f"{ring.small_gaps} shorter than {found.minimum_mm:g} mm" if ring.small_gaps else ""
             print(
-                f"  {area}: RGM {ring.rgm:.3f}, gaps {ring.gap_length_mm:.1f} mm, scar {ring.scar_length_mm:.1f} mm; "
+                f"  {area}: RGM {ring.rgm:.3f}, gaps {ring.gap_length_mm:.1f} mm ({ring.wide_gaps} of {WIDE_MM:g} mm "
+                f"or more), scar {ring.scar_length_mm:.1f} mm; "
                 + ("complete" if ring.complete else "; ".join(words for words in (lengths, small) if words))
             )

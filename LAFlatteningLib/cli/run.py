@@ -13,7 +13,7 @@ from ..anatomy import LEFT_ATRIUM
 from ..blood_pool import BloodPool, find_blood_pool
 from ..comparison import compare_maps
 from ..errors import InputFileError, LAFlatteningError, SurfaceError
-from ..fibrosis import Rule, measure_fibrosis
+from ..fibrosis import Fibrosis, Rule, measure_fibrosis
 from ..figures import check_figure_path
 from ..files import atomic_write, check_writable, read_surface, read_volume
 from ..flattening import METHODS, FlatMap, Flattener
@@ -150,10 +150,11 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
         write_map(flat_map, files["map.vtp"], files["metrics.json"], files["figure.png"], options.array, progress)
         if measured is not None:
             progress(0.75, "Measuring fibrosis and gaps" if volume is not None else f"Measuring {measured[0]}")
-            searched = _measure(flat_map, *measured, volume, pool, parcellations, files)
-            if not files["gaps.json"].exists():
+            fibrosis, (gaps, searched) = _measure(flat_map, *measured, volume, pool, parcellations, files)
+            if gaps is None:
                 # There is no other place to say why.
                 preparation.repairs, searched = preparation.repairs + searched, []
+            searched = [*fibrosis.notes, *searched]
         if second is not None:
             progress(0.9, "Comparing")
             _compare(flat_map, second, options, files)
@@ -240,9 +241,8 @@ def _measure(
     pool: BloodPool | None,
     parcellations: list[Parcellation],
     files: dict[str, Path],
-) -> list[str]:
-    """Write fibrosis (or low voltage) by region, and gaps at its first threshold; returns what could not be
-    measured."""
+) -> tuple[Fibrosis, tuple[GapReport | None, list[str]]]:
+    """Write fibrosis (or low voltage) by region, and gaps at its first threshold; returns both, see `search_gaps`."""
     fibrosis = measure_fibrosis(flat_map, array, rule, pool, parcels=parcels_of(flat_map, parcellations), volume=volume)
     gaps, notes = search_gaps(flat_map, array, fibrosis.thresholds[0])
     with ExitStack() as written:
@@ -256,7 +256,7 @@ def _measure(
             text = json.dumps(content, indent=2) + "\n"
             written.enter_context(atomic_write(files[name])).write_text(text, encoding="utf-8")
         written.enter_context(atomic_write(files["fibrosis.csv"])).write_text(fibrosis.to_csv(), encoding="utf-8")
-    return notes
+    return fibrosis, (gaps, notes)
 
 
 def search_gaps(flat_map: FlatMap, array: str, threshold: float) -> tuple[GapReport | None, list[str]]:
@@ -279,7 +279,8 @@ def search_gaps(flat_map: FlatMap, array: str, threshold: float) -> tuple[GapRep
                 "They were looked for in the areas that are drawn round the veins on the template instead, of which "
                 "the width in mm differs from atrium to atrium: compare their lengths with other atria with care."
             )
-        return replace(gaps, notes=(*notes, *gaps.notes)), notes
+        notes += gaps.notes
+        return replace(gaps, notes=tuple(notes)), notes
     return None, notes
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -84,13 +85,14 @@ def make_gap_figure(flat_map: FlatMap | MapData, report: GapReport, *, threshold
     values = data.point_values(report.array)
     alone = {name: ring for name, ring in rings.items() if len(ring.openings) == 1}
     together = {name: ring for name, ring in rings.items() if len(ring.openings) > 1}
+    holes = data.template.holes
     left = 0.35
     for label, heading, some in (("alone", "Each vein", alone), ("together", "Veins together", together)):
         if some:
             axes = add_axes(figure, label, (left, 3.05, 4.4, 4.4))
             _draw(axes, data, raster, values, level, report.direction, some)
             write_heading(axes, heading, 0.05)
-            _table(figure, left, some)
+            _table(figure, left, some, [name for name in report.left_out if (name in holes) == (label == "alone")])
             left += 4.6
     _legend(figure, bool(np.isnan(values).any()))
     axes = add_axes(figure, "RGM", (9.95, 4.9, 1.55, 2.3))
@@ -151,13 +153,16 @@ def _beside(place: FloatArray, middle: FloatArray, radius: float) -> FloatArray:
     return place + 0.055 * radius * outward / max(float(np.linalg.norm(outward)), 1e-9)
 
 
-def _table(figure: Figure, left: float, rings: dict[str, Encirclement]) -> None:
+def _table(figure: Figure, left: float, rings: dict[str, Encirclement], left_out: Sequence[str]) -> None:
     """The figures below a map: a line for each ring, and below it its gaps in two columns, by their numbers on it."""
     rows = {name: (len(ring.gaps) + 1) // 2 for name, ring in rings.items()}
     # Every ring keeps its line; where there are too many gaps, those with most show fewer.
-    while sum(rows.values()) + len(rows) > MOST_ROWS:
+    while sum(rows.values()) + len(rows) > MOST_ROWS - len(left_out):
         rows[max(rows, key=lambda name: rows[name])] -= 1
     line, first = 0, 1
+    for name in left_out:
+        _cell(figure, left + 0.1, line, f"{name}: not measured, no closed path (see the notes)", INK)
+        line += 1
     for name, ring in rings.items():
         small = f", {ring.small_gaps} shorter" if ring.small_gaps else ""
         state = "complete" if ring.complete else f"gaps {ring.gap_length_mm:.1f} mm{small}"
@@ -166,7 +171,12 @@ def _table(figure: Figure, left: float, rings: dict[str, Encirclement]) -> None:
         line += 1
         room = 2 * rows[name]
         listed = ring.gaps if len(ring.gaps) <= room else ring.gaps[: max(room - 1, 0)]
-        cells = [(f"{first + k}   {gap.length_mm:.1f} mm   {gap.segment}", GAP_COLOUR) for k, gap in enumerate(listed)]
+        # (There is no room for all parts that a long gap goes through.)
+        where = [f"about {gap.segment}" if gap.where != gap.segment else gap.segment for gap in listed]
+        cells = [
+            (f"{first + k}   {gap.length_mm:.1f} mm   {words}", GAP_COLOUR)
+            for k, (gap, words) in enumerate(zip(listed, where, strict=True))
+        ]
         if len(listed) < len(ring.gaps) and room:
             cells.append((f"and {len(ring.gaps) - len(listed)} more: see the gap file", FAINT))
         for k, (text, colour) in enumerate(cells):

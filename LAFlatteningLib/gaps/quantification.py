@@ -17,57 +17,23 @@ from .._version import __version__
 from ..errors import LAFlatteningError, SurfaceError
 from ..flattening import FlatMap
 from ..map_data import MapData
-from ..parcellation import NO_PART, Parcellation
+from ..parcellation import Parcellation
 from ..progress import ProgressCallback, report
 from ..quantities import diseased_side, readable, unit_of
 from ..surface import FloatArray, IntArray
 from .level import cut_at_level
+from .places import WIDE_MM, FoundGap, describe, rounded
 from .ring_search import Ring, best_ring
 from .search_areas import SEARCH_MM, Search, SearchArea, by_distance, describe_search, search_areas
 
 BoolArray = NDArray[np.bool_]
 
-ALL_ROUND = "all round"
-"""Where a gap is that has no ends."""
 TOUCH_MM = 0.02
 """Healthy tissue or scar on a path for less than this is a corner that the path touches, not a gap and not scar."""
 
 
 BORDER_MM = 1.0
 """Gaps that run along the border of the search area for more than this are noted."""
-
-
-@dataclass(frozen=True, eq=False)
-class FoundGap:
-    """Healthy tissue on the path round a vein.
-
-    Attributes
-    ----------
-    length_mm : along the atrium.
-    place_mm, place_on_map : its middle, (3,) on the atrium and (2,) on the map.
-    angle_degrees : its direction from the vein (of a pair: from the middle between them) on the map, counter-clockwise
-        from +x, 0 to 360.
-    segment : the part of the segment model that its middle is in, or is nearest to; `ALL_ROUND` of a path without scar.
-    points_mm, points_on_map : the gap as a line, (k, 3) and (k, 2).
-    """
-
-    length_mm: float
-    place_mm: FloatArray
-    place_on_map: FloatArray
-    angle_degrees: float
-    segment: str
-    points_mm: FloatArray
-    points_on_map: FloatArray
-
-    def to_dict(self) -> dict[str, Any]:
-        """As written to the gap file, without the lines."""
-        return {
-            "length_mm": round(self.length_mm, 3),
-            "place_mm": _rounded(self.place_mm),
-            "place_on_map": _rounded(self.place_on_map, 5),
-            "angle_degrees": round(self.angle_degrees, 1),
-            "segment": self.segment,
-        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +47,7 @@ class Encirclement:
     gap_length_mm, scar_length_mm : length of the path outside and within scar.
     gaps : the healthy pieces, of the least length asked for or more, longest first.
     small_gaps : how many shorter ones there are; their length counts in `gap_length_mm`.
+    wide_gaps : how many have `WIDE_MM` or more.
     points_mm, points_on_map : the path, (k, 3) and (k, 2), counter-clockwise on the map; the first is not repeated.
     in_scar : (k,) whether the way from each place to the next is within scar.
     unknown_share : share of the search area's area where the array has no value (counted as healthy).
@@ -95,6 +62,7 @@ class Encirclement:
     scar_length_mm: float
     gaps: tuple[FoundGap, ...]
     small_gaps: int
+    wide_gaps: int
     points_mm: FloatArray
     points_on_map: FloatArray
     in_scar: BoolArray
@@ -123,11 +91,12 @@ class Encirclement:
             "complete": self.complete,
             "gap_count": len(self.gaps),
             "small_gaps": self.small_gaps,
+            "wide_gaps": self.wide_gaps,
             "gaps": [gap.to_dict() for gap in self.gaps],
             "unknown_share": round(self.unknown_share, 5),
             "gap_on_border_mm": round(self.gap_on_border_mm, 3),
-            "path_mm": _rounded(self.points_mm),
-            "path_on_map": _rounded(self.points_on_map, 5),
+            "path_mm": rounded(self.points_mm),
+            "path_on_map": rounded(self.points_on_map, 5),
             "path_in_scar": [int(scar) for scar in self.in_scar],
         }
 
@@ -144,6 +113,7 @@ class GapReport:
     search, segments : names of the parcellations: search areas, and segments by which places are named.
     minimum_mm : least length of a gap in the lists.
     rings : search area -> path for each threshold, in the order of `thresholds`.
+    left_out : search areas in which no closed path was found.
     notes : what to know before trusting the figures.
     """
 
@@ -155,6 +125,7 @@ class GapReport:
     segments: str
     minimum_mm: float
     rings: Mapping[str, tuple[Encirclement, ...]]
+    left_out: tuple[str, ...]
     notes: tuple[str, ...]
 
     def scar_words(self, threshold: float) -> str:
@@ -177,6 +148,7 @@ class GapReport:
             "segments": self.segments,
             "thresholds": list(self.thresholds),
             "minimum_mm": self.minimum_mm,
+            "left_out": list(self.left_out),
             "notes": list(self.notes),
             "results": [
                 {"threshold": threshold, "areas": {area: ring.to_dict() for area, ring in self.at(threshold).items()}}
@@ -255,7 +227,8 @@ def find_gaps(
                 f"The threshold {level:g} is outside the values of {array} ({values[known].min():g} to "
                 f"{values[known].max():g}): {'everything' if everything else 'nothing'} is scar."
             )
-    areas, left_out = search_areas(data, search)
+    areas, left_out, widened = search_areas(data, search)
+    notes += widened
     model = segments if isinstance(segments, Parcellation) else Parcellation.load(segments)
     segment_of = model.labels_at(data.flat, data.template)
     rings: dict[str, tuple[Encirclement, ...]] = {}
@@ -289,7 +262,7 @@ def find_gaps(
     if left_out:
         words = (
             f"no closed way round {', '.join(left_out)} was found {describe_search(search)} that keeps clear of other "
-            "openings. Take another search distance."
+            "openings. Search nearer to the rims where another opening is close, and farther where veins lie far apart."
         )
         if not rings:
             raise SurfaceError(f"Gaps cannot be measured: {words}")
@@ -303,6 +276,7 @@ def find_gaps(
         model.name,
         float(minimum_mm),
         rings,
+        tuple(left_out),
         tuple(notes),
     )
 
@@ -338,7 +312,7 @@ def _encircle(
         return None
     ring = _without_touches(ring)
     lengths = ring.lengths
-    gaps = [_describe(data, piece, area, model, segment_of) for piece in _gap_pieces(ring)]
+    gaps = [describe(data, piece, area, model, segment_of) for piece in _gap_pieces(ring)]
     gaps.sort(key=lambda gap: -gap.length_mm)
     listed = tuple(gap for gap in gaps if gap.length_mm >= minimum_mm)
     sizes = data.surface.triangle_areas[area.triangles]
@@ -351,6 +325,7 @@ def _encircle(
         float(lengths[ring.in_scar].sum()),
         listed,
         len(gaps) - len(listed),
+        sum(gap.length_mm >= WIDE_MM for gap in gaps),
         ring.points,
         ring.flat,
         ring.in_scar,
@@ -404,30 +379,6 @@ def _gap_pieces(ring: Ring) -> list[tuple[FloatArray, FloatArray]]:
     return pieces
 
 
-def _describe(
-    data: MapData, piece: tuple[FloatArray, FloatArray], area: SearchArea, model: Parcellation, segment_of: IntArray
-) -> FoundGap:
-    points, flat = piece
-    whole = bool((points[0] == points[-1]).all())
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    middle = 0.5 * along[-1]
-    place = np.array([np.interp(middle, along, points[:, k]) for k in range(3)])
-    on_map = np.array([np.interp(middle, along, flat[:, k]) for k in range(2)])
-    label = int(model.labels_at(on_map[None], data.template)[0])
-    if label == NO_PART and (segment_of != NO_PART).any():
-        some = np.flatnonzero(segment_of != NO_PART)
-        label = int(segment_of[some[np.linalg.norm(data.flat[some] - on_map, axis=1).argmin()]])
-    return FoundGap(
-        float(along[-1]),
-        place,
-        on_map,
-        float(area.centre.angles(on_map[None])[0]),
-        ALL_ROUND if whole else model.names.get(label, ""),
-        points,
-        flat,
-    )
-
-
 def _check_thresholds(thresholds: Sequence[float]) -> tuple[float, ...]:
     levels = tuple(float(level) for level in np.atleast_1d(np.asarray(thresholds, np.float64)))
     if not levels:
@@ -440,8 +391,3 @@ def _check_thresholds(thresholds: Sequence[float]) -> tuple[float, ...]:
             f"{', '.join(f'{x:g}' for x in levels)}."
         )
     return levels
-
-
-def _rounded(values: FloatArray, digits: int = 3) -> list[Any]:
-    rounded: list[Any] = np.round(values, digits).tolist()
-    return rounded

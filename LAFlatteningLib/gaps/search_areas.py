@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,9 @@ Search = float | str | Path | Parcellation | Mapping[str, str]
 
 SEARCH_MM = 15.0
 """Ablation lines lie at the ostia or, drawn wide round a pair of veins, up to about so far away from their rims."""
+BESIDE_MM = 10.0
+"""Between two veins the area round both reaches at least so far to either side (or the search distance, if that is
+less), for the path round both has to pass there."""
 INSIDE, OUTSIDE = 0.9, 0.5
 """An area goes round an opening if it holds so much of its rim, and leaves it alone below so much."""
 
@@ -48,9 +52,9 @@ class SearchArea:
     border: IntArray
 
 
-def search_areas(data: MapData, search: Search) -> tuple[list[SearchArea], list[str]]:
-    """The search areas on a map, and the names of those within a distance of rims that are none: another opening
-    interrupts them, or they do not hold the rim.
+def search_areas(data: MapData, search: Search) -> tuple[list[SearchArea], list[str], list[str]]:
+    """The search areas on a map, the names of those within a distance of rims that are none (another opening interrupts
+    them, or they do not hold the rim), and notes.
 
     Raises
     ------
@@ -61,8 +65,9 @@ def search_areas(data: MapData, search: Search) -> tuple[list[SearchArea], list[
     corners = data.triangles
     masks: dict[str, BoolArray] = {}
     holes = _holes(data)
+    notes: list[str] = []
     if isinstance(search, (int, float)):
-        masks = _within(data, float(search), holes)
+        masks, notes = _within(data, float(search), holes)
     elif isinstance(search, Mapping):
         for name, array in search.items():
             # Values at points: the triangles whose corners are all marked.
@@ -79,7 +84,7 @@ def search_areas(data: MapData, search: Search) -> tuple[list[SearchArea], list[
             if not by_distance(search):
                 raise
             none.append(name)
-    return areas, none
+    return areas, none, notes
 
 
 def by_distance(search: Search) -> bool:
@@ -109,21 +114,29 @@ def vein_groups(anatomy: Anatomy) -> dict[str, tuple[str, ...]]:
     return {**{hole: (hole,) for hole in alone}, **{name: group for name, group in groups.items() if len(group) > 1}}
 
 
-def _within(data: MapData, reach: float, holes: Mapping[str, IntArray]) -> dict[str, BoolArray]:
-    """Triangles nearer than `reach` mm to the rims of a group, and nearer to them than to any other hole.
+def _within(data: MapData, reach: float, holes: Mapping[str, IntArray]) -> tuple[dict[str, BoolArray], list[str]]:
+    """Triangles nearer than `reach` mm to the rims of a group, and nearer to them than to any other hole; and notes.
 
-    The outer opening takes nothing away: lines round a vein may come near the valve.
+    The outer opening takes nothing away: lines round a vein may come near the valve. Round veins that lie far apart the
+    distance is larger, see `BESIDE_MM`.
     """
     if not (np.isfinite(reach) and reach > 0.0):
         raise LAFlatteningError(f"Expected a search distance of more than 0 mm, found {reach:g}.")
     distance = dict(zip(holes, _distances(data, list(holes.values())), strict=True))
-    masks = {}
+    masks, notes = {}, []
     for name, group in vein_groups(data.template.anatomy).items():
+        apart = max((float(distance[a][holes[b]].min()) for a, b in pairwise(group)), default=0.0)
+        far = max(reach, float(np.hypot(0.5 * apart, min(reach, BESIDE_MM)))) if apart else reach
+        if far > reach:
+            notes.append(
+                f"{' and '.join(group)} are {apart:.0f} mm apart: the path round both was looked for within "
+                f"{far:.0f} mm of their rims."
+            )
         own = np.min([distance[hole] for hole in group], axis=0)
         others = np.min([distance[hole] for hole in distance if hole not in group], axis=0)
-        at = np.minimum(own, reach)[data.triangles].mean(axis=1)
-        masks[name] = (at < reach) & (at <= others[data.triangles].mean(axis=1))
-    return masks
+        at = np.minimum(own, far)[data.triangles].mean(axis=1)
+        masks[name] = (at < far) & (at <= others[data.triangles].mean(axis=1))
+    return masks, notes
 
 
 def _distances(data: MapData, rims: list[IntArray]) -> list[FloatArray]:

@@ -58,7 +58,7 @@ def test_fibrosis_writes_json_csv_and_figure(files, image, capsys):
     assert found["blood_pool"]["volume_ml"] > 30.0
     groups = [part["group"] for part in found["parts"]]
     assert groups[0] == "atrium" and groups[1:6] == ["region"] * 5
-    assert groups.count("vein_segments") == 16
+    assert groups.count("vein_segments") == 18
     assert "vein_surroundings_RSPV" in groups
     rows = list(csv.DictReader((files / "f.csv").open()))
     assert len(rows) == len(found["parts"])

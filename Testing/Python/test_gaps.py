@@ -11,7 +11,7 @@ import pytest
 from LAFlatteningLib.errors import Cancelled, LAFlatteningError, SurfaceError, TemplateError
 from LAFlatteningLib.files import read_surface, write_surface
 from LAFlatteningLib.flattening import flatten
-from LAFlatteningLib.gaps import find_gaps, ring_search
+from LAFlatteningLib.gaps import find_gaps, ring_search, search_areas
 from LAFlatteningLib.gaps.level import cut_at_level
 from LAFlatteningLib.gaps.ring_search import Centre, best_ring
 from LAFlatteningLib.gaps.search_areas import vein_groups
@@ -366,11 +366,11 @@ def test_unknown_values_count_as_healthy_and_are_noted(phantom_map):
 
 
 def test_gaps_on_the_border_of_the_search_area_are_noted(phantom_map):
-    # The default joint line round the left veins runs farther out than 6 mm from their rims.
-    report = find_gaps(phantom_map, "scar", [0.5], search=8.0)
+    # The default joint line round the left veins runs farther out than 5 mm from their rims.
+    report = find_gaps(phantom_map, "scar", [0.5], search=5.0)
     assert report.at(0.5)["left"].gap_on_border_mm > 1.0
     assert any(note.startswith("left at 0.5") and "border of the search area" in note for note in report.notes)
-    assert not any(note.startswith("RSPV") for note in report.notes)
+    assert not any(note.startswith("RSPV at") for note in report.notes)
 
 
 def test_groups_come_from_the_anatomy(phantom_map):
@@ -392,16 +392,66 @@ def test_published_search_areas_can_be_chosen(phantom_map):
     assert report.at(0.5)["RIPV"].complete
 
 
-def test_pairs_that_lie_too_far_apart_are_left_out_and_noted(phantom_map, monkeypatch):
-    found = find_gaps(phantom_map, "LGE", [110.0, 120.0], search=6.0)
-    whole = find_gaps(phantom_map, "LGE", [110.0, 120.0])
-    assert set(whole.rings) == {"RSPV", "RIPV", "LIPV", "LSPV", "left", "right"}
-    left_out = set(whole.rings) - set(found.rings)
-    assert left_out and left_out <= {"left", "right"}
-    assert found.notes[-1].startswith(f"Left out: no closed way round {', '.join(sorted(left_out))} was found within 6")
-    monkeypatch.setattr("LAFlatteningLib.gaps.search_areas.INSIDE", 1.1)
-    with pytest.raises(SurfaceError, match=r"Gaps cannot be measured.*within 15 mm.*another search distance"):
+def test_round_veins_that_lie_far_apart_is_searched_farther(phantom_map):
+    """Within 4 mm of the rims there is no way round two veins that are 12 mm apart or more."""
+    near, usual = find_gaps(phantom_map, "LGE", [120.0], search=4.0), find_gaps(phantom_map, "LGE", [120.0])
+    assert set(near.rings) == set(usual.rings) == {"RSPV", "RIPV", "LIPV", "LSPV", "left", "right"}
+    assert (near.left_out, near.notes, usual.notes) == ((), near.notes, ())
+    for pair, note in zip(("LSPV and LIPV", "RSPV and RIPV"), near.notes, strict=True):
+        apart, within = map(float, re.search(r"are (\d+) mm apart.*within (\d+) mm", note).groups())
+        assert note.startswith(pair) and within == pytest.approx(np.hypot(apart / 2, 4.0), abs=0.8)
+
+
+def test_what_another_opening_interrupts_is_left_out_and_noted(phantom_map, monkeypatch):
+    make = search_areas._search_area
+
+    def interrupted(data, name, *arguments):
+        if name == "left":
+            raise SurfaceError("it runs into LAA")
+        return make(data, name, *arguments)
+
+    monkeypatch.setattr(search_areas, "_search_area", interrupted)
+    found = find_gaps(phantom_map, "LGE", [120.0])
+    assert found.left_out == ("left",) and "left" not in found.rings
+    assert found.notes[-1].startswith("Left out: no closed way round left was found within 15 mm of the rims")
+    assert found.to_dict()["left_out"] == ["left"]
+    monkeypatch.setattr(search_areas, "INSIDE", 1.1)
+    monkeypatch.setattr(search_areas, "_search_area", make)
+    with pytest.raises(SurfaceError, match=r"Gaps cannot be measured.*within 15 mm.*nearer to the rims"):
         find_gaps(phantom_map, "LGE", [120.0])
+
+
+def test_a_gap_between_two_veins_is_on_their_carina(phantom_map):
+    """Scar all round RIPV but for a wedge, which lies once towards RSPV and once away from it."""
+    data, template = MapData.of(phantom_map), phantom_map.template
+    centres = {name: np.array(template.holes[name].shape.centre) for name in ("RIPV", "RSPV")}
+    off = data.flat - centres["RIPV"]
+    for turn, name in ((0.0, "right carina"), (np.pi, "right inferior")):
+        towards = np.arctan2(*(centres["RSPV"] - centres["RIPV"])[::-1]) + turn
+        angle = (np.arctan2(off[:, 1], off[:, 0]) - towards + np.pi) % (2.0 * np.pi) - np.pi
+        scar = MapData(data.surface.with_data({"ring": np.abs(angle)}), data.flat, template)
+        (gap,) = find_gaps(scar, "ring", [0.4]).at(0.4)["RIPV"].gaps
+        assert (gap.segment, gap.segments, gap.where) == (name, (name,), name)
+
+
+def test_a_long_gap_is_named_from_where_to_where(phantom_map):
+    data = MapData.of(phantom_map)
+    off = data.flat - np.array(phantom_map.template.holes["RIPV"].shape.centre)
+    # Healthy but for a wedge on the right.
+    scar = MapData(
+        data.surface.with_data({"ring": -np.abs(np.arctan2(off[:, 1], off[:, 0]))}), data.flat, data.template
+    )
+    ring = find_gaps(scar, "ring", [-0.4]).at(-0.4)["RIPV"]
+    (gap,) = ring.gaps
+    assert len(gap.segments) > 2
+    assert gap.segments[0] in gap.where and gap.where.endswith(f"over {gap.segment}")
+    assert gap.to_dict()["segments"] == list(gap.segments)
+    assert ring.wide_gaps == 1
+
+
+def test_gaps_of_a_width_that_is_reported_are_counted_apart(phantom_map):
+    for ring in find_gaps(phantom_map, "LGE", [110.0]).at(110.0).values():
+        assert ring.wide_gaps == sum(gap.length_mm >= 3.0 for gap in ring.gaps) == ring.to_dict()["wide_gaps"]
 
 
 def test_a_path_without_scar_is_healthy_all_round(phantom_map):

@@ -108,6 +108,11 @@ def test_segments_are_where_their_names_say():
         ((0.30, -0.01), "right anterior carina"),
         ((0.27, 0.13), "right anterosuperior"),
         ((0.13, -0.14), "right posteroinferior"),
+        # Between the veins, from the one to the other.
+        ((-0.25, -0.06), "left carina"),
+        ((-0.23, 0.03), "left carina"),
+        ((0.19, 0.03), "right carina"),
+        ((0.21, -0.07), "right carina"),
     ]:
         assert segments.labels_at(np.array([place]), ADAPTED1).tolist() == [ids[name]], name
 

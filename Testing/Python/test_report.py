@@ -152,7 +152,7 @@ def test_gaps_are_listed_with_their_lengths(run_folder, phantom_map):
     rows = [row for row in page.rows if row[0] == "RIPV"]
     assert rows[0][1] == "complete"
     gap = found.at(0.5)["RSPV"].gaps[0]
-    assert ["RSPV", f"{gap.length_mm:.1f}", gap.segment, str(round(gap.angle_degrees))] in page.rows
+    assert ["RSPV", f"{gap.length_mm:.1f}", gap.where, str(round(gap.angle_degrees))] in page.rows
     assert any(row[0] == "threshold of scar" for row in page.rows)
     assert [section.title for section in run_sections(run_folder)] == ["Summary", "Map", "Gaps in ablation lines"]
     for note in found.notes:
