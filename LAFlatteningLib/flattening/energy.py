@@ -273,7 +273,8 @@ class PatchEnergy:
         sides = self._sides(variables)
         columns = self._columns(variables)
         det = np.maximum(columns.det, FLATTEST)
-        mips = np.minimum(0.5 * columns.squared() / det, STIFFEST)
+        # Never less than 1 but where the triangle is folded or all but folded.
+        mips = np.clip(0.5 * columns.squared() / det, 1.0, STIFFEST)
         stiffness = self._weights * (2.0 * mips) ** 2 / (self._rest[:, 0] * self._rest[:, 2] * det)
         return self._pattern.edge_weights(_cotangents(*sides) * stiffness)
 
@@ -366,5 +367,6 @@ def _cotangents(ux: FloatArray, uy: FloatArray, vx: FloatArray, vy: FloatArray) 
     """Cotangent of the angle at each corner of triangles with these sides u, v at corner 0, (3, k); at least 0.05, for
     obtuse triangles must not make a matrix indefinite."""
     uu, vv, uv = ux * ux + uy * uy, vx * vx + vy * vy, ux * vx + uy * vy
-    area = np.maximum(np.abs(ux * vy - uy * vx), 1e-10 * np.maximum(uu, vv))
+    # (All corners may be in one place: a coarse map that is carried to the points puts several on its rim.)
+    area = np.maximum(np.abs(ux * vy - uy * vx), 1e-10 * np.maximum(uu, vv) + 1e-300)
     return np.maximum(np.stack([uv, uu - uv, vv - uv]) / area, 0.05)

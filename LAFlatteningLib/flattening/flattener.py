@@ -297,24 +297,29 @@ class Flattener:
         report(progress, 0.3, "Flattening")
         with watch.stage("coarse map"):
             carried = self._carried(surface, seeds, cut)
+        best: tuple[Refinement, FloatArray, IntArray] | None = None
         for start in (carried, None) if carried is not None else (None,):
-            with watch.stage("solve"):
-                refinement = Refinement(placed, cut, ~(fixed | loose), scale)
-                if start is None:
-                    flat, _ = harmonic(cut.laplacian, constraints.ids, constraints.targets)
-                else:
-                    flat = refinement.follow(start, placed)
-            report(progress, 0.4, "Turning back folded triangles")
-            with watch.stage("untangle"):
-                try:
-                    flat, freed = untangle(flat, cut.triangles, cut.points, fixed, loose)
-                except FoldError:
+            try:
+                with watch.stage("solve"):
+                    refinement = Refinement(placed, cut, ~(fixed | loose), scale)
                     if start is None:
-                        raise
-                    continue
+                        flat, _ = harmonic(cut.laplacian, constraints.ids, constraints.targets)
+                    else:
+                        flat = refinement.follow(start, placed)
+                report(progress, 0.4, "Turning back folded triangles")
+                with watch.stage("untangle"):
+                    flat, freed = untangle(flat, cut.triangles, cut.points, fixed, loose)
+            except (FoldError, np.linalg.LinAlgError):
+                if start is None and best is None:
+                    raise
+                continue
+            if best is None or len(freed) < len(best[2]):
+                best = refinement, flat, freed
             # The coarse map may pass an opening on the other side. (A copy's own map before does not.)
-            if start is None or self._start is not None or not len(freed):
+            if self._start is not None or not len(freed):
                 break
+        assert best is not None
+        refinement, flat, freed = best
         told = part(progress, 0.5, 1.0)
         if self._is_copy:
             with watch.stage("refine"):

@@ -99,6 +99,26 @@ def test_variables_follow_held_points_that_move_and_turn():
     assert energy.mips(variables).max() < 1.001
 
 
+def test_points_in_one_place_of_a_start_do_no_harm():
+    """A coarse map may put all corners of several triangles in one place; the weights there must stay numbers, and of
+    use."""
+    surface, fixed = ring()
+    flat = surface.points[:, :2].copy()
+    collapsed = ~fixed & (np.linalg.norm(flat - [35.0, 0.0], axis=1) < 12.0)
+    assert collapsed[surface.triangles].all(axis=1).any()
+    flat[collapsed] = [35.0, 0.0]
+    rest = rest_shapes(surface.points, surface.triangles, 1.0)
+    energy = PatchEnergy(flat, surface.triangles, rest, ~fixed, surface.triangle_areas)
+    variables, solver = energy.follow(energy.start(), flat)
+    assert np.isfinite(variables).all()
+    assert np.isfinite(solver.solve(np.ones((len(energy.ids), 2)))).all()
+    flat[energy.ids] = variables
+    loose = np.zeros(len(flat), bool)
+    untangled, freed = untangle(flat, surface.triangles, surface.points, fixed, loose)
+    assert (operators.signed_areas(untangled, surface.triangles) > 0.0).all()
+    assert not len(freed)
+
+
 def test_a_map_is_taken_to_its_minimum():
     surface, fixed = ring()
     flat = surface.points[:, :2].copy()

@@ -479,6 +479,58 @@ def test_a_fold_left_over_is_an_error_not_a_map(phantom, monkeypatch):
     assert caught.value.points
 
 
+@pytest.mark.parametrize("what", ["singular", "folded"])
+def test_a_start_that_is_of_no_use_is_left_out(what, monkeypatch):
+    import LAFlatteningLib.flattening.flattener as module
+    from LAFlatteningLib.errors import FoldError
+
+    phantom = make_phantom(3000)
+    usual = flatten(phantom.surface, phantom.seeds)
+    follow, untangle = module.Refinement.follow, module.untangle
+    followed = []
+
+    def failing(self, flat, placed):
+        followed.append(len(flat))
+        if what == "singular":
+            raise np.linalg.LinAlgError("singular")
+        return follow(self, flat, placed)
+
+    def refusing(*arguments):
+        if len(followed) == 1 and what == "folded":
+            followed.append(0)
+            raise FoldError("folds stay")
+        return untangle(*arguments)
+
+    monkeypatch.setattr(module.Refinement, "follow", failing)
+    monkeypatch.setattr(module, "untangle", refusing)
+    flat_map = flatten(phantom.surface, phantom.seeds)
+    assert followed
+    # The minimum is the same, from wherever it is reached.
+    assert np.abs(flat_map.points - usual.points).max() < 1e-6
+
+
+def test_path_points_are_freed_where_every_other_start_fails(phantom, monkeypatch):
+    import LAFlatteningLib.flattening.flattener as module
+    from LAFlatteningLib.errors import FoldError
+
+    untangle, calls = module.untangle, []
+    phantom = make_phantom(3000)
+
+    def freeing(flat, triangles, points, fixed, loose):
+        if len(triangles) < 3000:
+            return untangle(flat, triangles, points, fixed, loose)
+        calls.append(len(triangles))
+        if len(calls) > 1:
+            raise FoldError("folds stay")
+        return untangle(flat, triangles, points, fixed, loose)[0], np.flatnonzero(loose)[:3]
+
+    monkeypatch.setattr(module, "untangle", freeing)
+    flat_map = flatten(phantom.surface, phantom.seeds)
+    assert len(calls) == 2
+    assert len(flat_map.freed_path_points) == 3
+    assert not len(flat_map.folded_triangles)
+
+
 def test_flips_are_counted():
     """A rim with an ear: one flip, told in the metrics."""
     phantom = make_phantom(2000)

@@ -370,7 +370,7 @@ def test_gaps_on_the_border_of_the_search_area_are_noted(phantom_map):
     report = find_gaps(phantom_map, "scar", [0.5], search=5.0)
     assert report.at(0.5)["left"].gap_on_border_mm > 1.0
     assert any(note.startswith("left at 0.5") and "border of the search area" in note for note in report.notes)
-    assert not any(note.startswith("RSPV at") for note in report.notes)
+    assert not any(note.startswith("LIPV at") for note in report.notes)
 
 
 def test_groups_come_from_the_anatomy(phantom_map):
