@@ -309,13 +309,16 @@ def _check_order(template: Template, landmark: str, segments: Mapping[str, Float
 
 def inside_polygon(points: FloatArray, polygon: FloatArray) -> NDArray[np.bool_]:
     """Whether points (k, 2) are inside a polygon (p, 2): crossing number."""
-    x, y = points[:, :1], points[:, 1:]
-    x0, y0 = polygon.T
-    x1, y1 = np.roll(polygon, -1, axis=0).T
-    spans = (y0 > y) != (y1 > y)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        crossing = x < x0 + (y - y0) / (y1 - y0) * (x1 - x0)
-    return (spans & crossing).sum(axis=1) % 2 == 1
+    inside = np.zeros(len(points), bool)
+    # Edge by edge, and of the points in its box only: all at once is a large table, of which little is needed.
+    near = np.flatnonzero(((points >= polygon.min(axis=0)) & (points <= polygon.max(axis=0))).all(axis=1))
+    x, y = points[near, 0].copy(), points[near, 1].copy()
+    odd = np.zeros(len(near), bool)
+    for (x0, y0), (x1, y1) in zip(polygon.tolist(), np.roll(polygon, -1, axis=0).tolist(), strict=True):
+        spans = np.flatnonzero((y0 > y) != (y1 > y))
+        odd[spans] ^= x[spans] < x0 + (y[spans] - y0) / (y1 - y0) * (x1 - x0) if len(spans) else False
+    inside[near] = odd
+    return inside
 
 
 def _cross(a: FloatArray, b: FloatArray) -> bool:
