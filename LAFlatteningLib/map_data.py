@@ -7,14 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
+from .cavity.openings import SIZE_LIMITS_MM, guess_unit
 from .errors import SurfaceError, TemplateError
 from .flattening.flat_map import POSITION_ARRAY, FlatMap
+from .operators import signed_areas
 from .scalar_arrays import scalar_array
 from .surface import FloatArray, IntArray, Surface
 from .template import Template, builtin_templates
 
 DIAMETER_FIELD = "map_diameter_mm"
 """Field array of maps that the Slicer module has exported: how wide they are, in mm."""
+OFF_RIM = 0.1
+"""A rim farther off its outline than this share of the map's radius, in the mean, is not that of the opening."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +49,8 @@ class MapData:
 
         Raises
         ------
-        SurfaceError : a surface that is no map, or a map file without the positions on the atrium.
+        SurfaceError : a surface that is no map, or not one on its template; a map file without the positions on the
+            atrium in mm.
         TemplateError : the template of a map file is not known, or another one.
         """
         if isinstance(flat_map, MapData):
@@ -65,12 +70,48 @@ class MapData:
             )
         space = flat_map.field_data.get("seed_space", flat_map.space)
         layout = _template(flat_map, template)
-        return cls(
+        data = cls(
             replace(flat_map, points=np.asarray(position, np.float64), space=_text(space)),
             _in_map_units(flat_map, layout),
             layout,
             _text(flat_map.field_data.get("method", "")),
         )
+        data._check()
+        return data
+
+    def rims(self) -> dict[str, IntArray]:
+        """Opening -> its rim, point ids.
+
+        Raises
+        ------
+        SurfaceError : the map has no rim where its template puts an opening.
+        """
+        loops, rims = self.surface.boundary_loops, {}
+        for opening in self.template.anatomy.openings:
+            shape = self.template.rim(opening).shape
+            off = [float(shape.distance(self.flat[loop]).mean()) for loop in loops] or [np.inf]
+            if min(off) > OFF_RIM * self.template.radius:
+                raise SurfaceError(
+                    f"The map has no opening where the template {self.template.name} puts {opening}. Check that the "
+                    "map was made on this template, and that its points were not moved or scaled since."
+                )
+            rims[opening] = loops[int(np.argmin(off))]
+        return rims
+
+    def _check(self) -> None:
+        """Raise SurfaceError for what cannot be a map on its template, as after edits in other programs."""
+        # (Maps for study may leave rims where they fall, see `flattening.strategies`.)
+        if "strategy" not in self.method:
+            self.rims()
+        if signed_areas(self.flat, self.triangles).sum() <= 0.0:
+            raise SurfaceError("The map is mirrored: its triangles turn clockwise. Make the map again from the atrium.")
+        size = float(np.linalg.norm(np.ptp(self.surface.points, axis=0)))
+        unit = guess_unit(size)
+        if unit is None or unit[0] != "mm":
+            raise SurfaceError(
+                f'By its positions ("{POSITION_ARRAY}", expected in mm) the atrium of the map is {size:.3g} mm across, '
+                f"expected {SIZE_LIMITS_MM[0]:g} to {SIZE_LIMITS_MM[1]:g} mm. Make the map again from an atrium in mm."
+            )
 
     @property
     def triangles(self) -> IntArray:

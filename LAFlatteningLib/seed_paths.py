@@ -14,6 +14,7 @@ from .cavity.openings import Cavity
 from .errors import SeedError, SurfaceError
 from .geodesic_lines import Line
 from .geodesics import PathTree
+from .rim_length import rim_lengths
 from .seeds import SnappedSeeds, check_directions
 from .surface import FloatArray, IntArray
 
@@ -24,6 +25,8 @@ SAME_FOOT = 1e-6
 """Feet nearer to each other than this, in steps from point to point of the rim, are one."""
 FAR_SEED = 1.25
 """An outer seed whose path is longer than the shortest way to the rim by this factor makes a note (experts': 1.08)."""
+CLOSE_MM = 3.0
+"""Two outer seeds nearer to each other than this along the rim make a note (experts': 7 mm or more)."""
 
 
 Feet = tuple[tuple[int, int, float], tuple[int, int, float]]
@@ -168,7 +171,7 @@ def connect_seeds(
     if _misplaced(result, anatomy, ways):
         _explain(cavity, seeds, anatomy, ways, result)
     _check_rotation(seeds, anatomy, ways)
-    return replace(result, notes=_far_seeds(seeds, anatomy, ways))
+    return replace(result, notes=(*_far_seeds(seeds, anatomy, ways), *_close_seeds(cavity, seeds, anatomy)))
 
 
 def _connect(cavity: Cavity, seeds: SnappedSeeds, anatomy: Anatomy, ways: Ways) -> SeedPaths:
@@ -300,6 +303,22 @@ def _far_seeds(seeds: SnappedSeeds, anatomy: Anatomy, ways: Ways) -> tuple[str, 
             notes.append(
                 f"{seed} is {length:.0f} mm from {hole}, whose shortest way to the {anatomy.outer} rim is "
                 f"{shortest:.0f} mm. Check {seed}."
+            )
+    return tuple(notes)
+
+
+def _close_seeds(cavity: Cavity, seeds: SnappedSeeds, anatomy: Anatomy) -> tuple[str, ...]:
+    """A note for each two outer seeds that lie close together: the region between them ends in next to nothing."""
+    along = rim_lengths(cavity.surface.points[cavity.outer])
+    order = tuple(anatomy.outer_seeds)
+    notes = []
+    for one, other in zip(order, order[1:] + order[:1], strict=True):
+        a, b = (float(np.interp(seeds.outer_at[label], np.arange(len(along)), along)) for label in (one, other))
+        apart = min((b - a) % along[-1], (a - b) % along[-1])
+        if len(order) > 1 and apart < CLOSE_MM:
+            notes.append(
+                f"{one} and {other} are {apart:.1f} mm apart along the {anatomy.outer} rim, so that hardly anything is "
+                f"left of the wall between them. Check {one} and {other}."
             )
     return tuple(notes)
 

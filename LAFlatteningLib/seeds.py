@@ -237,10 +237,11 @@ def _explain_far_seeds(
     if fits(np.array([-1.0, -1.0, 1.0])):
         raise SeedError(
             f"The seeds are in {other_space} and the surface is in {space}: with x and y negated all seeds lie on the "
-            f"surface. Give seeds in the surface's own coordinates, or as .mrk.json, which names its axes.",
+            f"surface. Give seeds in the surface's own coordinates, or as .mrk.json, which names its axes (if they are "
+            "one: correct its coordinateSystem).",
             far,
         )
-    for factor, unit in [(1000.0, "metres"), (10.0, "centimetres")]:
+    for factor, unit in [(1000.0, "metres"), (10.0, "centimetres"), (0.001, "micrometres")]:
         if fits(np.full(3, factor)):
             raise SeedError(f"The seeds are in {unit}, the surface in mm. Multiply the seeds by {factor:g}.", far)
     parts = []

@@ -25,6 +25,8 @@ SNAP_LIMIT_MM = 10.0
 
 SIZE_LIMITS_MM = (20.0, 400.0)
 """Plausible diagonal of the bounding box of a heart chamber."""
+MENDED_BY = "let it be prepared (la-flatten prepare; in Slicer, the section Prepare)"
+"""What heals meshes and cuts openings by itself, for messages."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,14 +130,15 @@ def check_surface(surface: Surface, handles_allowed: bool = False) -> tuple[Surf
             f"Points {a} and {b}, joined by an edge, are at the same place"
             f" ({', '.join(f'{x:.1f}' for x in surface.points[a])} mm), as are the ends of "
             f"{np.count_nonzero(surface.edge_lengths == 0.0)} edges in all. Merge coincident points and remove "
-            "triangles without area (in Slicer: Surface Toolbox, Clean)."
+            f"triangles without area (in Slicer: Surface Toolbox, Clean), or {MENDED_BY}."
         )
     bad = surface.non_manifold_points
     if len(bad):
         place = ", ".join(f"{x:.1f}" for x in surface.points[bad[0]])
         raise SurfaceError(
             f"The surface is not a clean sheet at {len(bad)} points (the first is point {bad[0]} at {place} mm): more "
-            "than two triangles share an edge, or two sheets touch in a point. Clean or remesh the surface."
+            "than two triangles share an edge, or two sheets touch in a point. Clean or remesh the surface, or "
+            f"{MENDED_BY}."
         )
     if surface.component_count > 1:
         sizes = np.sort(np.bincount(surface.components))[::-1]
@@ -145,7 +148,8 @@ def check_surface(surface: Surface, handles_allowed: bool = False) -> tuple[Surf
             + (
                 "Its triangles do not share their points: merge coincident points (in Slicer: Surface Toolbox, Clean)."
                 if len(np.unique(surface.points, axis=0)) < 0.6 * len(surface.points)
-                else "Keep the largest piece (in Slicer: Surface Toolbox, Extract largest component) or the right one."
+                else "Keep the right one (the largest: in Slicer, Surface Toolbox, Extract largest component), or "
+                f"{MENDED_BY}."
             )
         )
     if not surface.is_oriented:
@@ -196,9 +200,9 @@ def make_cavity(surface: Surface, anatomy: Anatomy, outer_points: FloatArray) ->
             f"Expected {expected} openings ({', '.join(anatomy.openings)}), {anatomy.outer} open; "
             f"found {found}{detail}. "
             + (
-                "Cut the missing ones open first."
+                f"Cut the missing ones open first, or {MENDED_BY}."
                 if len(open_loops) + covered < expected or not open_loops
-                else "Close the openings that are none, or mark them as covered."
+                else f"Close the openings that are none, mark them as covered, or {MENDED_BY}."
             )
         )
     outer = nearest_rim(surface, open_loops, outer_points)

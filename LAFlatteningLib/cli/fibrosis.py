@@ -52,7 +52,11 @@ def add(commands: Subcommands) -> None:
     )
     sub.add_argument("--blood-pool-labels", metavar="L", help="label map of the blood, in place of the inside")
     sub.add_argument("--blood-pool-label", type=int, metavar="N", help="its label (default: every one but 0)")
-    sub.add_argument("--blood-pool", metavar="MEAN,SD", help="the blood pool as numbers, without an image")
+    sub.add_argument(
+        "--blood-pool",
+        metavar="MEAN,SD",
+        help="the blood pool as numbers, without an image (a negative one as --blood-pool=-10,5)",
+    )
     sub.add_argument(
         "--parcellation",
         action="append",

@@ -35,6 +35,7 @@ def atomic_write(path: PathLike) -> Iterator[Path]:
     ------
     InputFileError : the folder is missing or cannot be written to, the disk is full, a folder has the name.
     """
+    _check_name(path)
     target = Path(os.path.realpath(path))
     folder = target.parent
     try:
@@ -68,6 +69,11 @@ def check_writable(path: PathLike, make_folder: bool = False) -> None:
     if make_folder:
         try:
             Path(path).parent.mkdir(parents=True, exist_ok=True)
+        except (FileExistsError, NotADirectoryError) as error:
+            raise InputFileError(
+                f'"{path}" cannot be written: "{Path(path).parent}" is a file, or in one; expected a folder. Choose '
+                "another one."
+            ) from error
         except OSError as error:
             raise unwritable(path, error) from error
     with suppress(_OnlyChecking), atomic_write(path):
@@ -84,8 +90,21 @@ def write_text(path: PathLike, text: str) -> None:
         temporary.write_text(text, encoding="utf-8", newline="\n")
 
 
+def _check_name(path: PathLike) -> None:
+    """Raise InputFileError for a name that is not made of letters of Unicode, which readers and writers cannot take."""
+    try:
+        os.fspath(path).encode("utf-8")
+    except UnicodeEncodeError:
+        raise InputFileError(
+            f'The name "{os.fspath(path)!a}" is not in UTF-8, the usual code for names of files. Rename the file.'
+        ) from None
+
+
 def unwritable(path: PathLike, error: OSError) -> InputFileError:
     """The error for a file that the system refuses to write."""
+    # Of a file that is written within `atomic_write`, by its own name.
+    path = Path(path)
+    path = path.with_name(re.sub(r"^(\.[0-9a-f]{8}\.)+", "", path.name)) if path.name else path
     return InputFileError(
         f'"{path}" cannot be written: {error.strerror or error}. Check the space on the disk, whether you may write '
         "there, and that no other program has the file open."
@@ -109,6 +128,7 @@ def known_suffix(path: Path, suffixes: Collection[str], what: str) -> str:
 
 def input_suffix(path: Path, suffixes: Collection[str], what: str) -> str:
     """The extension of a file that exists and holds something."""
+    _check_name(path)
     try:
         if path.is_dir():
             raise InputFileError(f'"{path}" is a folder, expected a file of {what}: {", ".join(suffixes)}.')

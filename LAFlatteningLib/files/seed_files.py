@@ -157,15 +157,15 @@ def _coordinate(text: str, name: str, seeds: _Seeds, place: str, label: str) -> 
 
 def _seeds_from_csv(path: Path) -> dict[str, FloatArray]:
     lines = _text_of(path).splitlines()
-    # Spreadsheets separate by semicolons where the comma is the decimal sign.
-    separator = ";" if any(";" in line for line in lines) else ","
+    # Spreadsheets separate by semicolons where the comma is the decimal sign, or by tabs.
+    separator = next((sign for sign in ";\t" if any(sign in line for line in lines)), ",")
     rows = _rows(path, lines, separator)
     first, names = next(rows, (1, []))
     names = [name.lower().removesuffix("_mm") for name in names]
     if any(names.count(name) != 1 for name in ("label", "x", "y", "z")):
         raise SeedError(
             f'"{path}", line {first}: expected the column names label,x_mm,y_mm,z_mm, '
-            f'found "{lines[first - 1].strip() if lines else ""}". Add them as the first line.'
+            f'found "{lines[first - 1].strip() if lines else ""}". Add them as the first line, separated by commas.'
         )
     at = {name: names.index(name) for name in ("label", "x", "y", "z")}
     seeds = _Seeds(path)
@@ -177,7 +177,7 @@ def _seeds_from_csv(path: Path) -> dict[str, FloatArray]:
         point = []
         for axis in "xyz":
             text = cells[at[axis]] if at[axis] < len(cells) else ""
-            text = text.replace(",", ".") if separator == ";" else text
+            text = text.replace(",", ".") if separator != "," else text
             point.append(_coordinate(text, f"{axis}_mm", seeds, f"line {line}", label))
         seeds.add(label, point, f"line {line}")
     return seeds.some()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping
+from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from vtkmodules.vtkIOGeometry import vtkSTLReader, vtkSTLWriter
 from vtkmodules.vtkIOLegacy import vtkPolyDataWriter
 from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLPolyDataWriter
 
-from ..errors import SurfaceError
+from ..errors import InputFileError, SurfaceError
 from ..quantities import NO_VALUE, measured, unit_of
 from ..surface import Surface
 from .access import (
@@ -133,6 +134,7 @@ def _run_writer(writer: vtkAlgorithm, surface: Surface, path: Path) -> None:
         tag.SetName("SPACE")
         tag.InsertNextValue(surface.space)
         polydata.GetFieldData().AddArray(tag)
+        _escape_names(polydata, path)
     else:
         writer.SetHeader(HEADER + surface.space)
         writer.SetFileTypeToBinary()
@@ -140,6 +142,19 @@ def _run_writer(writer: vtkAlgorithm, surface: Surface, path: Path) -> None:
     writer.SetFileName(str(path))
     if not writer.Write() or messages:
         raise OSError(messages[0] if messages else "the disk may be full")
+
+
+def _escape_names(polydata: vtkPolyData, path: Path) -> None:
+    """Make the names of all arrays fit to stand in XML, which VTK leaves to its callers (its reader undoes it)."""
+    for data in (polydata.GetPointData(), polydata.GetCellData(), polydata.GetFieldData()):
+        for k in range(data.GetNumberOfArrays()):
+            name = data.GetAbstractArray(k).GetName() or ""
+            if re.search(r"[\x00-\x1f]", name):
+                raise InputFileError(
+                    f'"{path}" cannot be written: the name of the array {name!a} holds a line break or control '
+                    "character. Rename the array."
+                )
+            data.GetAbstractArray(k).SetName(escape(name))
 
 
 def _read_vtp(path: Path) -> Surface:

@@ -21,6 +21,8 @@ from ..template import Template
 
 USUAL_DILATATION = 20.0
 """A 99th percentile of the dilatation above this makes a note: on real atria with good seeds it is 4 to 10."""
+WIDE_EDGE_DEGREES = 45.0
+"""Edges of rims that span more of their outline are noted: between their ends they leave it by 8 % of its radius."""
 RIM_OFF = 1e-3
 """Rims farther from their circles than this share of the disk radius make a note."""
 REGION_ARRAY = "region"
@@ -101,6 +103,18 @@ class FlatMap:
         return worst / self.template.radius
 
     @cached_property
+    def widest_rim_edge(self) -> tuple[str, float]:
+        """The opening with the edge that spans the largest share of its outline, and that share in degrees of 360."""
+        spans = {}
+        for opening, loop in self.division.loops.items():
+            corners = self.solution[loop]
+            edges = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+            outline = self.template.rim(opening).shape.outline()
+            around = float(np.linalg.norm(np.roll(outline, -1, axis=0) - outline, axis=1).sum())
+            spans[opening] = 360.0 * float(edges.max()) / around
+        return max(spans.items(), key=lambda span: span[1])
+
+    @cached_property
     def path_drift(self) -> float:
         """Largest distance of a path point from its place on the template, in disk radii."""
         moved = np.linalg.norm(self.solution[self.constraints.path_ids] - self.constraints.path_targets, axis=1)
@@ -124,6 +138,12 @@ class FlatMap:
             notes.append(
                 f"Rims are off their circles by up to {100 * self.rim_error:.0f} % of the disk radius ({self.method}): "
                 "the map is for study, and cannot be compared with others."
+            )
+        opening, degrees = self.widest_rim_edge
+        if degrees > WIDE_EDGE_DEGREES:
+            notes.append(
+                f"An edge of the rim of {opening} spans {degrees:.0f} degrees of its outline, so that the map leaves "
+                "it there. Check the seeds beside it, or mesh the surface more finely."
             )
         if len(self.freed_path_points):
             notes.append(

@@ -64,7 +64,8 @@ def search_areas(data: MapData, search: Search) -> tuple[list[SearchArea], list[
     """
     corners = data.triangles
     masks: dict[str, BoolArray] = {}
-    holes = _holes(data)
+    rims = data.rims()
+    holes = {hole: rims[hole] for hole in data.template.holes}
     notes: list[str] = []
     if isinstance(search, (int, float)):
         masks, notes = _within(data, float(search), holes)
@@ -147,21 +148,6 @@ def _distances(data: MapData, rims: list[IntArray]) -> list[FloatArray]:
     across = sparse.coo_matrix((lengths, tuple(diagonals.T)), shape=(n, n))
     graph = surface.edge_graph + across + across.T
     return [dijkstra(graph, indices=rim, min_only=True) for rim in rims]
-
-
-def _holes(data: MapData) -> dict[str, IntArray]:
-    """Hole -> its rim, point ids."""
-    loops = data.surface.boundary_loops
-    holes = {}
-    for hole, rim in data.template.holes.items():
-        off = [float(rim.shape.distance(data.flat[loop]).mean()) for loop in loops] or [np.inf]
-        if min(off) > 0.1 * data.template.radius:
-            raise SurfaceError(
-                f"The map has no opening where the template {data.template.name} puts {hole}. Check that the map was "
-                "made on this template."
-            )
-        holes[hole] = loops[int(np.argmin(off))]
-    return holes
 
 
 def _search_area(data: MapData, name: str, triangles: BoolArray, holes: Mapping[str, IntArray]) -> SearchArea:

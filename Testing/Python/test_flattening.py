@@ -1,6 +1,7 @@
 """The map: exact where the answer is known, free of folds everywhere, and true to the published one."""
 
 import dataclasses
+import re
 from types import SimpleNamespace
 
 import meshes
@@ -435,6 +436,34 @@ def test_notes_say_what_to_look_at(phantom, phantom_map):
     freed = dataclasses.replace(phantom_map, freed_path_points=np.array([3, 4]))
     assert any("2 path points had to leave their lines" in note for note in freed.notes)
     assert freed.metrics["notes"] == list(freed.notes)
+
+
+def test_outer_seeds_that_all_but_meet_are_noted(phantom, phantom_map):
+    rim = phantom_map.surface.points[phantom_map.cavity.outer]
+    at = int(np.linalg.norm(rim - phantom.seeds["MV2"], axis=1).argmin())
+    step = 1 if np.dot(rim[at - 5] - rim[at], phantom.seeds["MV1"] - rim[at]) < 0 else -1
+    beside = rim[at] + 0.3 * (rim[(at + step) % len(rim)] - rim[at]) / np.linalg.norm(
+        rim[(at + step) % len(rim)] - rim[at]
+    )
+    notes = " ".join(flatten(phantom.surface, {**phantom.seeds, "MV2": rim[at], "MV1": beside}).notes)
+    assert re.search(r"MV\d and MV\d are 0.3 mm apart along the MV rim", notes)
+    assert re.search(r"An edge of the rim of MV spans \d\d degrees", notes)
+    assert "apart" not in " ".join(phantom_map.notes)
+    assert "spans" not in " ".join(phantom_map.notes)
+
+
+def test_the_widest_edge_of_a_rim_is_that_of_a_polygon(phantom_map):
+    opening, degrees = phantom_map.widest_rim_edge
+    turns = {}
+    for name, loop in phantom_map.division.loops.items():
+        off = phantom_map.solution[loop] - np.array(phantom_map.template.rim(name).shape.centre)
+        angle = np.unwrap(np.arctan2(*off.T[::-1]))
+        turns[name] = np.degrees(
+            np.abs(np.diff(np.append(angle, angle[0] + np.sign(angle[-1] - angle[0]) * 2 * np.pi))).max()
+        )
+    assert turns[opening] == max(turns.values())
+    # A chord is a little shorter than its arc.
+    assert degrees == pytest.approx(turns[opening], rel=0.03)
 
 
 def test_rim_error_and_path_drift_measure_what_they_say(phantom_map):
