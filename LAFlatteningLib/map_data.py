@@ -166,8 +166,9 @@ def _template(surface: Surface, given: Template | str | Path | None) -> Template
         return template
     if name not in builtin_templates():
         raise TemplateError(
-            f'The map was made on the template "{name}", which is not a built-in one: give its file as the template.'
+            f'The map was made on the template "{name}", which is not a built-in one: give its file as the template '
+            "(--template FILE)."
             if name
-            else "The map does not say on which template it was made: give the template."
+            else "The map does not say on which template it was made: give the template (--template)."
         )
     return Template.load(name)

@@ -9,7 +9,9 @@ import numpy as np
 
 from .. import topology
 from ..cavity.covers import HOLE_ARRAY
+from ..cavity.healing import heal
 from ..cavity.openings import guess_unit
+from ..errors import SurfaceError
 from ..files import read_surface
 from .command import Subcommands, add_command
 from .progress import Progress
@@ -45,17 +47,26 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
     print(f"triangles all turned the same way: {'yes' if surface.is_oriented else 'no'}")
     if surface.is_manifold and not surface.is_oriented:
         surface = surface.with_triangles(topology.orient(surface.triangles, surface.edges))
-    if not surface.is_manifold:
+    whole = surface
+    if not whole.is_manifold:
         print(f"not a clean sheet at {len(surface.non_manifold_points)} points")
-        loops = []
-    else:
-        loops = surface.boundary_loops
-        print(f"handles (genus): {surface.genus}")
-    for number, loop in enumerate(sorted(loops, key=surface.loop_length, reverse=True), start=1):
-        centre = ", ".join(f"{x:.4g}" for x in surface.points[loop].mean(axis=0))
-        length = f"{surface.loop_length(loop):.4g} {unit}"
+        # Lengths in it are in mm.
+        if unit == "mm":
+            try:
+                whole, notes = heal(surface)
+                print("as la-flatten prepare mends it:")
+            except SurfaceError as error:
+                notes = (str(error),)
+            for note in notes:
+                print(f"  {note}")
+    loops = whole.boundary_loops if whole.is_manifold else []
+    if whole.is_manifold:
+        print(f"handles (genus): {whole.genus}")
+    for number, loop in enumerate(sorted(loops, key=whole.loop_length, reverse=True), start=1):
+        centre = ", ".join(f"{x:.4g}" for x in whole.points[loop].mean(axis=0))
+        length = f"{whole.loop_length(loop):.4g} {unit}"
         print(f"opening {number}: perimeter {length}, {len(loop)} points, centre ({centre})")
-    if not loops and surface.is_manifold:
+    if not loops and whole.is_manifold:
         print("openings: none (closed surface)")
     if HOLE_ARRAY in surface.point_data:
         marked = np.count_nonzero(surface.point_data[HOLE_ARRAY] == 1)

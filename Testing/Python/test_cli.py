@@ -117,6 +117,16 @@ def test_info_guesses_metres_and_bears_bad_meshes(files, phantom, capsys):
     write_surface(meshes.tetrahedra_sharing_a_point(), files / "bad.vtp")
     assert main(["info", str(files / "bad.vtp")]) == 0
     assert "not a clean sheet at 1 points" in capsys.readouterr().out
+    # A loose triangle: what is left once it is mended is told.
+    extra = np.concatenate([phantom.surface.points, [[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]])
+    a, b = phantom.surface.triangles[50, :2]
+    fin = np.array([[a, b, len(extra) - 1], [len(extra) - 3, len(extra) - 2, len(extra) - 1]])
+    write_surface(Surface(extra, np.concatenate([phantom.surface.triangles, fin])), files / "fin.vtp")
+    assert main(["info", str(files / "fin.vtp")]) == 0
+    out = capsys.readouterr().out
+    assert "not a clean sheet" in out and "as la-flatten prepare mends it" in out
+    longest = max(phantom.surface.loop_length(loop) for loop in phantom.surface.boundary_loops)
+    assert f"opening 1: perimeter {longest:.4g} mm" in out
 
 
 def test_help_has_a_worked_example(capsys):
