@@ -34,7 +34,8 @@ if importlib.util.find_spec("LAFlatteningLib") is None:
 from LAFlatteningScene.analysis_logic import DEFAULT_THRESHOLDS, AnalysisLogic
 from LAFlatteningScene.export import exportMap
 from LAFlatteningScene.live_update import LiveUpdate, Report
-from LAFlatteningScene.map_making import checkOutput, chooseMap, makeMap, notesOf
+from LAFlatteningScene.long_action import refuseWhileBusy, whileChosen
+from LAFlatteningScene.map_making import MAKING, checkOutput, chooseMap, makeMap, notesOf
 from LAFlatteningScene.map_nodes import writeMap
 from LAFlatteningScene.prepare_logic import PrepareLogic
 from LAFlatteningScene.quality_nodes import METRICS_ROLE, REGIONS_ROLE, SERIES_ROLES
@@ -164,7 +165,8 @@ class LAFlatteningLogic(
 
     Attributes
     ----------
-    isBusy : a map is being made (and the callback of its progress may be letting events through).
+    isBusy : a long action is going on, and the callback of its progress may be letting events through; until it is
+        done, everything else that reads or writes maps and atria is refused, see `LAFlatteningScene.long_action`.
 
     Examples
     --------
@@ -207,7 +209,8 @@ class LAFlatteningLogic(
         Raises
         ------
         SurfaceError, SeedError, TemplateError, FoldError : of the library.
-        Cancelled : by `progress`, or because a node was deleted or the scene closed meanwhile.
+        Cancelled : by `progress`, or because the atrium was changed, a node deleted or the scene closed meanwhile, or
+            because something else is being computed.
         """
         settings = Settings(textOf(template), method, checkAxes, float(diskDiameter))
         return makeMap(self, surfaceNode, seedsNode, outputNode, settings, progress)
@@ -218,7 +221,8 @@ class LAFlatteningLogic(
         """`flatten` with what the panel says; the map and its metrics are kept in the parameter node."""
         p, settings = parameterNode, self.settingsFrom(parameterNode)
         chooseMap(p)
-        mapNode = makeMap(self, p.surface, p.seeds, p.map, settings, progress)
+        watch = whileChosen(p, ("surface", "seeds", "map"), MAKING, progress)
+        mapNode = makeMap(self, p.surface, p.seeds, p.map, settings, watch)
         p.map, p.metrics = mapNode, self.metricsTable(mapNode)
         return mapNode
 
@@ -236,6 +240,7 @@ class LAFlatteningLogic(
 
         Parameters and errors as for `flatten`.
         """
+        refuseWhileBusy(self)
         settings = Settings(textOf(template), method, checkAxes, float(diskDiameter))
         checkOutput(mapNode)
         flatMap = self.cache.flattener(surfaceNode, settings).preview(seedPositions(seedsNode))
@@ -326,8 +331,11 @@ class LAFlatteningLogic(
 
         Raises
         ------
-        InputFileError : no map; the folder is missing or cannot be written to.
+        InputFileError : no map, or a quick one; tables that were measured before the map changed; the folder is
+            missing or cannot be written to.
+        Cancelled : something else is being computed.
         """
+        refuseWhileBusy(self)
         return exportMap(mapNode, directory, formats)
 
     # ---- sample data -------------------------------------------------------------------------------------------------

@@ -28,8 +28,10 @@ from .fibrosis_nodes import BLOOD_POOL, FIBROSIS, classArrayOf, removeClasses, w
 from .gap_nodes import GAP_CURVE, GAP_LIST, GAPS, PATH, RGM, writeGaps
 from .image_input import inCoordinatesOf, localVolume, segmentVolume, worldVolume
 from .live_projection import LiveProjection
+from .long_action import longAction, refuseWhileBusy, whileChosen
 from .map_nodes import SURFACE_ROLE, copyArrays, mapsOf
-from .map_reading import mapDataOf, withParcels, writeHow
+from .map_reading import mapDataOf, stateOf, withParcels, writeHow
+from .raw_input import versionOf
 from .result_nodes import hasOutdated, removeResults, resultOf, resultsOf
 from .surface_nodes import surfaceOf
 
@@ -45,6 +47,8 @@ VOLTAGE_THRESHOLDS = "0.5, 0.1"
 
 BLOOD_POOL_TEXT = "LAFlattening.bloodPool"
 """Attribute of the fibrosis table: what the wall was compared with, in words."""
+
+MEASURING, FINDING_GAPS = "the classes were being measured", "gaps were being looked for"
 
 ModelNode = slicer.vtkMRMLModelNode
 RegionNode = slicer.vtkMRMLLabelMapVolumeNode | slicer.vtkMRMLSegmentationNode
@@ -93,6 +97,7 @@ def thresholdsFrom(text: str) -> tuple[float, ...]:
 class AnalysisLogic:
     """The part of `LAFlatteningLogic` that measures. Results are nodes that the map refers to, saved with the scene."""
 
+    isBusy: bool
     _liveProjection: LiveProjection | None = None
 
     # ---- image on the wall -------------------------------------------------------------------------------------------
@@ -113,7 +118,9 @@ class AnalysisLogic:
         InputFileError : no image, one that is the same everywhere, or that does not overlap the atrium.
         SurfaceError : no atrium.
         LAFlatteningError : depth not positive.
+        Cancelled : something else is being computed.
         """
+        refuseWhileBusy(self)
         found = project(
             surfaceOf(surfaceNode),
             worldVolume(volumeNode),
@@ -236,36 +243,47 @@ class AnalysisLogic:
         Raises
         ------
         LAFlatteningError : no such array, blood that cannot be found, thresholds that mean nothing.
-        SurfaceError : no map.
+        SurfaceError : no map, or a quick one.
+        Cancelled : by `progress`, or because map, atrium or image were changed or deleted meanwhile, or because
+            something else is being computed.
         """
-        report(progress, 0.0, "Reading the map")
-        data = mapDataOf(mapNode)
-        surfaceNode = mapNode.GetNodeReference(SURFACE_ROLE)
-        data.point_values(array)
-        report(progress, 0.1, "Measuring blood")
-        drawn = [Parcellation.load(name) for name in parcellations]
-        pool = self.bloodPool(surfaceNode, volumeNode, regionNode) if rule.needs_blood_pool else None
-        report(progress, 0.4, "Measuring the wall")
-        found = measure_fibrosis(
-            data,
-            array,
-            rule,
-            pool,
-            parcels=parcels_of(data, drawn),
-            unit=unit_of(array),
-            # Where the array was made of this image, it is sampled again within the triangles.
-            volume=worldVolume(volumeNode) if volumeNode is not None else None,
-        )
-        report(progress, 0.9, "Writing")
-        withParcels(mapNode, surfaceNode, data, drawn)
-        table = writeFibrosis(mapNode, surfaceNode, data, found)
-        table.SetAttribute(BLOOD_POOL_TEXT, bloodPoolText(pool))
-        if pool is not None:
-            writeBloodPool(mapNode, surfaceNode, volumeNode, pool)
-        else:
-            removeResults(mapNode, BLOOD_POOL)
-        colourBy(surfaceNode, (classArrayOf(array), CELL_DATA))
-        return found
+        with longAction(self, MEASURING, progress) as action:
+            report(action.progress, 0.0, "Reading the map")
+            data = mapDataOf(mapNode)
+            surfaceNode = mapNode.GetNodeReference(SURFACE_ROLE)
+            data.point_values(array)
+            others = [node for node in (volumeNode, regionNode) if node is not None]
+            action.read(
+                lambda: (stateOf(mapNode, array), *(versionOf(node) for node in others)),
+                mapNode,
+                surfaceNode,
+                *others,
+            )
+            report(action.progress, 0.1, "Measuring blood")
+            drawn = [Parcellation.load(name) for name in parcellations]
+            pool = self.bloodPool(surfaceNode, volumeNode, regionNode) if rule.needs_blood_pool else None
+            report(action.progress, 0.4, "Measuring the wall")
+            found = measure_fibrosis(
+                data,
+                array,
+                rule,
+                pool,
+                parcels=parcels_of(data, drawn),
+                unit=unit_of(array),
+                # Where the array was made of this image, it is sampled again within the triangles.
+                volume=worldVolume(volumeNode) if volumeNode is not None else None,
+            )
+            report(action.progress, 0.9, "Writing")
+            action.check()
+            withParcels(mapNode, surfaceNode, data, drawn)
+            table = writeFibrosis(mapNode, surfaceNode, data, found)
+            table.SetAttribute(BLOOD_POOL_TEXT, bloodPoolText(pool))
+            if pool is not None:
+                writeBloodPool(mapNode, surfaceNode, volumeNode, pool)
+            else:
+                removeResults(mapNode, BLOOD_POOL)
+            colourBy(surfaceNode, (classArrayOf(array), CELL_DATA))
+            return found
 
     def measureParameters(
         self, parameterNode: LAFlatteningParameterNode, progress: ProgressCallback | None = None
@@ -276,7 +294,8 @@ class AnalysisLogic:
         chosen: list[str | Path] = [] if p.parcellation == "none" else [p.parcellation]
         if str(p.parcellationFile) not in ("", "."):
             chosen.append(Path(p.parcellationFile))
-        return self.measureFibrosis(p.map, p.analysisArray, rule, p.volume, p.bloodRegion, chosen, progress)
+        watch = whileChosen(p, ("map",), MEASURING, progress)
+        return self.measureFibrosis(p.map, p.analysisArray, rule, p.volume, p.bloodRegion, chosen, watch)
 
     # ---- gaps --------------------------------------------------------------------------------------------------------
 
@@ -306,22 +325,28 @@ class AnalysisLogic:
         Raises
         ------
         LAFlatteningError : as `LAFlatteningLib.find_gaps`.
-        SurfaceError : no map, or search areas that run into another opening.
+        SurfaceError : no map, or a quick one; search areas that run into another opening.
+        Cancelled : as `measureFibrosis`.
         """
-        data = mapDataOf(mapNode)
-        found = find_gaps(data, array, thresholds, search=search, progress=part(progress, 0.0, 0.9))
-        report(progress, 0.95, "Drawing")
-        level = found.thresholds[len(found.thresholds) // 2] if shown is None else shown
-        table = writeGaps(mapNode, mapNode.GetNodeReference(SURFACE_ROLE), data, found, level)
-        table.SetDescription("\n".join(found.notes))
-        return table
+        with longAction(self, FINDING_GAPS, progress) as action:
+            data = mapDataOf(mapNode)
+            surfaceNode = mapNode.GetNodeReference(SURFACE_ROLE)
+            action.read(lambda: stateOf(mapNode, array), mapNode, surfaceNode)
+            found = find_gaps(data, array, thresholds, search=search, progress=part(action.progress, 0.0, 0.9))
+            report(action.progress, 0.95, "Drawing")
+            action.check()
+            level = found.thresholds[len(found.thresholds) // 2] if shown is None else shown
+            table = writeGaps(mapNode, surfaceNode, data, found, level)
+            table.SetDescription("\n".join(found.notes))
+            return table
 
     def gapsParameters(
         self, parameterNode: LAFlatteningParameterNode, progress: ProgressCallback | None = None
     ) -> slicer.vtkMRMLTableNode:
         """`findGaps` with what the panel says."""
         p = parameterNode
-        return self.findGaps(p.map, p.analysisArray, thresholdsFrom(p.gapThresholds), progress=progress)
+        watch = whileChosen(p, ("map",), FINDING_GAPS, progress)
+        return self.findGaps(p.map, p.analysisArray, thresholdsFrom(p.gapThresholds), progress=watch)
 
     # ---- comparison --------------------------------------------------------------------------------------------------
 
@@ -335,10 +360,12 @@ class AnalysisLogic:
 
         Raises
         ------
-        SurfaceError : a map is missing, or its atrium.
+        SurfaceError : a map is missing, or a quick one, or its atrium is missing.
         TemplateError : maps on different templates.
         LAFlatteningError : no such array; the same map and array twice.
+        Cancelled : something else is being computed.
         """
+        refuseWhileBusy(self)
         if otherMapNode is None:
             raise LAFlatteningError("Choose the other map to compare with.")
         if otherMapNode is mapNode and array == otherArray:
@@ -400,7 +427,13 @@ class AnalysisLogic:
         return resultOf(mapNode, BLOOD_POOL)
 
     def clearAnalysis(self, mapNode: ModelNode) -> None:
-        """Remove all results of a map; arrays that were there before, or come from an image, stay."""
+        """Remove all results of a map; arrays that were there before, or come from an image, stay.
+
+        Raises
+        ------
+        Cancelled : something else is being computed.
+        """
+        refuseWhileBusy(self)
         removeResults(mapNode, FIBROSIS, BLOOD_POOL, GAPS, GAP_LIST, GAP_CURVE, PATH, RGM, COMPARISON)
         surfaceNode = mapNode.GetNodeReference(SURFACE_ROLE)
         if surfaceNode is not None:

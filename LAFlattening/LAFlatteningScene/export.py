@@ -22,15 +22,17 @@ from .comparison_nodes import COMPARISON
 from .display_link import activeArray, scalarRange
 from .fibrosis_nodes import FIBROSIS
 from .gap_nodes import GAP_LIST, GAPS
-from .map_nodes import settingsOf
+from .map_nodes import STAGE, settingsOf
 from .map_reading import mapDataOf
 from .overlay import overlayOf
 from .quality_nodes import METRICS_ROLE, REGIONS_ROLE
-from .result_nodes import resultOf
+from .result_nodes import KIND, isCurrent, resultOf
 from .template_text import templateOf
 from .views import MARGIN
 
 FORMATS = ("vtp", "png", "csv")
+MEASURED = (FIBROSIS, GAPS, GAP_LIST, COMPARISON)
+"""Tables that are written with a map."""
 MAP_PIXELS, BAR_PIXELS = 1200, 420
 """Height (and width) of the map on the picture, and width of its colour bar."""
 TEXT_PIXELS, TITLE_PIXELS = 26, 30
@@ -47,6 +49,17 @@ def exportMap(mapNode: ModelNode, directory: str | Path, formats: tuple[str, ...
         raise InputFileError(f"Expected formats out of {', '.join(FORMATS)}, found {', '.join(unknown) or 'none'}.")
     if mapNode is None or mapNode.GetPolyData() is None or mapNode.GetPolyData().GetNumberOfPolys() == 0:
         raise InputFileError("There is no map to write. Make one first (Flatten).")
+    if mapNode.GetAttribute(STAGE) == "preview":
+        raise InputFileError(
+            f'"{mapNode.GetName()}" is only a quick map, as made while something is moved, and its tables are of the '
+            "one before. Press Flatten first."
+        )
+    measured = [table for kind in MEASURED if (table := resultOf(mapNode, kind)) is not None]
+    if "csv" in formats and not all(isCurrent(mapNode, table) for table in measured):
+        raise InputFileError(
+            f'What was measured on "{mapNode.GetName()}" is outdated, because the map has changed since. Measure '
+            "again or clear the results; then export."
+        )
     folder = Path(directory)
     if not str(directory) or not folder.is_dir():
         raise InputFileError(f'The folder "{directory}" does not exist. Choose or create a folder for the files.')
@@ -72,10 +85,8 @@ def exportMap(mapNode: ModelNode, directory: str | Path, formats: tuple[str, ...
                 table = mapNode.GetNodeReference(role)
                 if table is not None:
                     writeTable(table, temporary(f"{stem} {what}.csv"))
-            for kind in (FIBROSIS, GAPS, GAP_LIST, COMPARISON):
-                table = resultOf(mapNode, kind)
-                if table is not None:
-                    writeTable(table, temporary(f"{stem} {kind}.csv"))
+            for table in measured:
+                writeTable(table, temporary(f"{stem} {table.GetAttribute(KIND)}.csv"))
     return written
 
 

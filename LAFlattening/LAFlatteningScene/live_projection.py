@@ -12,6 +12,7 @@ from slicer.util import VTKObservationMixin
 from LAFlatteningLib import LAFlatteningError
 from LAFlatteningLib.projection import Projection
 
+from .long_action import LOOK_AGAIN
 from .throttle import Throttle
 
 if TYPE_CHECKING:
@@ -30,7 +31,8 @@ class LiveProjection(VTKObservationMixin):
     ) -> None:
         super().__init__()
         self._logic, self._parameters = logic, parameterNode
-        self._throttle, self._onProjected = Throttle(scheduler), onProjected
+        self._scheduler, self._throttle, self._onProjected = scheduler, Throttle(scheduler), onProjected
+        self._waiting = self._stopped = False
         self._followed: tuple[slicer.vtkMRMLTransformableNode, ...] = ()
         self._done = self._state()
         self.addObserver(parameterNode, vtk.vtkCommand.ModifiedEvent, self._onChange)
@@ -38,6 +40,7 @@ class LiveProjection(VTKObservationMixin):
 
     def stop(self) -> None:
         """No longer follow; what was scheduled does not happen."""
+        self._stopped = True
         self._throttle.cancel()
         self.removeObservers()
 
@@ -71,7 +74,18 @@ class LiveProjection(VTKObservationMixin):
         if self._state() != self._done:
             self._throttle.request(self._project)
 
+    def _lookAgain(self) -> None:
+        self._waiting = False
+        if not self._stopped:
+            self._onChange()
+
     def _project(self) -> None:
+        if self._logic.isBusy:
+            # The array may be just what is being measured.
+            if not self._waiting:
+                self._waiting = True
+                self._scheduler(LOOK_AGAIN, self._lookAgain)
+            return
         p, self._done = self._parameters, self._state()
         if not p.projectLive or p.surface is None or p.volume is None:
             return

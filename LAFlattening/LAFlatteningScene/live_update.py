@@ -14,6 +14,7 @@ from slicer.util import VTKObservationMixin
 
 from LAFlatteningLib import Cancelled, LAFlatteningError, SeedError
 
+from .long_action import LOOK_AGAIN
 from .map_making import chooseMap
 from .result_nodes import FINGERPRINT
 from .seed_nodes import (
@@ -232,9 +233,9 @@ class LiveUpdate(VTKObservationMixin):
             # Letting go asks again.
             return
         if self._logic.isBusy:
-            # A map is being made while events are let through; look again when it may be done.
+            # Something long lets events through; look again when it may be done.
             self._settleDue = True
-            self._scheduler(200, lambda: self._settle(ticket))
+            self._scheduler(LOOK_AGAIN, lambda: self._settle(ticket))
             return
         p = self._parameters
         if p.seeds is None or p.surface is None:

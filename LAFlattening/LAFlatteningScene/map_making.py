@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 import slicer
 from vtk import vtkAssignAttribute
 
-from LAFlatteningLib import Cancelled, FlatMap, SeedError, SurfaceError
+from LAFlatteningLib import FlatMap, SeedError, SurfaceError
 from LAFlatteningLib.flattening.flat_map import REGION_ARRAY
-from LAFlatteningLib.progress import ProgressCallback
+from LAFlatteningLib.progress import ProgressCallback, report
 
 from .display_link import followColours
+from .long_action import longAction
 from .map_nodes import (
     NOTES,
     SEEDS_ROLE,
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
 
 ModelNode = slicer.vtkMRMLModelNode
 
+MAKING = "the map was being made"
+
 
 def makeMap(
     logic: LAFlatteningLogic,
@@ -47,35 +50,21 @@ def makeMap(
     progress: ProgressCallback | None,
 ) -> ModelNode:
     """See `LAFlatteningLogic.flatten`. No node changes before the map is there."""
-    flattener = logic.cache.flattener(surfaceNode, settings)
-    if seedsNode is None or seedsNode.GetScene() is None:
-        raise SeedError("No seeds are selected. Select or create seeds, and place them.")
-    checkOutput(mapNode)
-    if logic.isBusy:
-        raise Cancelled("Another map is being made; wait for it, or cancel it.")
-    nodes = [node for node in (surfaceNode, seedsNode, mapNode) if node is not None]
-    seeds = seedPositions(seedsNode)
-
-    def checkNodes() -> None:
-        if any(node.GetScene() is None for node in nodes):
-            raise Cancelled("The surface, the seeds or the map were deleted while the map was being made.")
-
-    def watch(share: float, text: str) -> bool | None:
-        answer = progress(share, text) if progress is not None else None
-        checkNodes()
-        return answer
-
-    logic.isBusy = True
-    try:
-        flatMap = flattener.flatten(seeds, watch)
+    with longAction(logic, MAKING, progress) as action:
+        flattener = logic.cache.flattener(surfaceNode, settings)
+        if seedsNode is None or seedsNode.GetScene() is None:
+            raise SeedError("No seeds are selected. Select or create seeds, and place them.")
+        checkOutput(mapNode)
+        # Seeds may move meanwhile: the map says of which it is, and is followed by another one.
+        seeds = seedPositions(seedsNode)
+        action.read(lambda: sameGeometry(surfaceOf(surfaceNode), flattener.surface), surfaceNode, seedsNode, mapNode)
+        flatMap = flattener.flatten(seeds, action.progress)
         # Everything that takes long, before anything is written.
         _ = flatMap.metrics
-        watch(1.0, "Done")
-        if not sameGeometry(surfaceOf(surfaceNode), flattener.surface):
-            raise Cancelled("The surface was changed while the map was being made. Make it again.")
-    finally:
-        logic.isBusy = False
-    return _write(flatMap, surfaceNode, seedsNode, mapNode, settings, fingerprint(flattener.surface, seeds, settings))
+        report(action.progress, 1.0, "Done")
+        action.check()
+        madeFrom = fingerprint(flattener.surface, seeds, settings)
+        return _write(flatMap, surfaceNode, seedsNode, mapNode, settings, madeFrom)
 
 
 def checkOutput(mapNode: ModelNode | None) -> None:

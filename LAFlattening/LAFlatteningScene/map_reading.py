@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,11 +11,12 @@ import vtk
 from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 
 from LAFlatteningLib import MapData, Parcellation, Surface, SurfaceError
-from LAFlatteningLib.flattening.flat_map import POINT_ID_ARRAY
+from LAFlatteningLib.flattening.flat_map import POINT_ID_ARRAY, REGION_ARRAY
 from LAFlatteningLib.projection import Projection
 from LAFlatteningLib.quantities import measured, unit_of
 
 from .map_nodes import STAGE, SURFACE_ROLE, copyArrays, millimetresPerUnit, settingsOf
+from .result_nodes import FINGERPRINT
 from .surface_nodes import CELL_ID_ARRAY, worldPoints
 from .template_text import templateOf
 
@@ -28,10 +30,14 @@ def mapDataOf(mapNode: ModelNode | None) -> MapData:
 
     Raises
     ------
-    SurfaceError : no map, or its atrium is gone or another one.
+    SurfaceError : no map, or a quick one; its atrium is gone or another one.
     """
     if mapNode is None or mapNode.GetScene() is None or mapNode.GetAttribute(STAGE) is None:
         raise SurfaceError("There is no map. Flatten the atrium first.")
+    if mapNode.GetAttribute(STAGE) != "map":
+        raise SurfaceError(
+            f'"{mapNode.GetName()}" is only a quick map, as made while something is moved. Press Flatten first.'
+        )
     surfaceNode = mapNode.GetNodeReference(SURFACE_ROLE)
     if surfaceNode is None or surfaceNode.GetScene() is None:
         raise SurfaceError(
@@ -57,6 +63,21 @@ def mapDataOf(mapNode: ModelNode | None) -> MapData:
         space="RAS",
     )
     return MapData(surface, flat + np.asarray(template.outer.shape.centre), template)
+
+
+def stateOf(mapNode: ModelNode | None, array: str) -> str:
+    """A text that changes when a map does, or its places on the atrium, or an array. Errors as `mapDataOf`."""
+    data = mapDataOf(mapNode)
+    digest = hashlib.sha256(repr((mapNode.GetAttribute(FINGERPRINT), settingsOf(mapNode))).encode())
+    for part in (data.surface.points, data.triangles, data.flat):
+        digest.update(np.ascontiguousarray(part).tobytes())
+    for arrays in (data.surface.point_data, data.surface.cell_data):
+        for name in (array, REGION_ARRAY):
+            if name in arrays:
+                digest.update(name.encode() + arrays[name].tobytes())
+    # How it was projected.
+    digest.update(repr([(name, str(value)) for name, value in sorted(data.surface.field_data.items())]).encode())
+    return digest.hexdigest()
 
 
 def writeHow(polydata: vtk.vtkPolyData, array: str, found: Projection) -> None:

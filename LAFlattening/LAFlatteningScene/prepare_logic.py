@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,7 @@ import numpy as np
 import slicer
 import vtk
 
-from LAFlatteningLib import LEFT_ATRIUM, Cancelled, LAFlatteningError, Surface, SurfaceError
+from LAFlatteningLib import LEFT_ATRIUM, LAFlatteningError, Surface, SurfaceError
 from LAFlatteningLib.cavity.clipping import CutPlane
 from LAFlatteningLib.cavity.plan import KEEP_MM, PlannedOpening
 from LAFlatteningLib.preparation import Preparation, PrepareSettings, apply_plan, prepare
@@ -21,6 +20,7 @@ from LAFlatteningLib.progress import ProgressCallback, part, report
 from .cut_preview import Cut, CutPreview
 from .display_link import followColours
 from .linked_views import belongingsOf
+from .long_action import LongAction, longAction, refuseWhileBusy, whileChosen
 from .map_nodes import NOTES, groupNodes, mapsOf
 from .plane_nodes import (
     BY_HAND,
@@ -52,6 +52,8 @@ FORMER_ROLES = {name: f"LAFlattening.former.{name}" for name in ("surface", "see
 """Node references from a cavity to what was chosen in the panel before it was made."""
 WAS_SHOWN = "LAFlattening.inputWasShown"
 """Attribute of a cavity: what it was made from was visible before."""
+
+SUGGESTING, CUTTING = "the openings were being looked for", "the atrium was being cut"
 
 ModelNode = slicer.vtkMRMLModelNode
 
@@ -131,18 +133,21 @@ class PrepareLogic:
         Raises
         ------
         SurfaceError, InputFileError : of the library; no plane was made or moved.
-        Cancelled : by `progress`, or because the atrium was deleted meanwhile.
+        Cancelled : by `progress`, or because the atrium or its planes were changed or deleted meanwhile, or because
+            something else is being computed.
         """
-        prepared = self._prepare(inputNode, choice, progress)
-        return showPlanes(inputNode, prepared.plan.openings)
+        with longAction(self, SUGGESTING, progress) as action:
+            _read(action, inputNode, choice)
+            prepared = self._prepare(inputNode, choice, action, action.progress)
+            return showPlanes(inputNode, prepared.plan.openings)
 
     def preparePlanes(self, inputNode: RawNode | None, choice: RawChoice = RawChoice()) -> dict[str, PlaneNode]:
         """Show a plane for each opening roughly where it is in most atria, to be moved by hand.
 
         For an atrium whose openings `prepareSuggest` does not find. Returns and errors as for it.
         """
-        with self._working(inputNode, None):
-            surface, _ = rawSurface(inputNode, choice.structure)
+        refuseWhileBusy(self)
+        surface, _ = rawSurface(inputNode, choice.structure)
         return showPlanes(inputNode, roughOpenings(surface))
 
     def prepareApply(
@@ -158,19 +163,27 @@ class PrepareLogic:
         Raises
         ------
         SurfaceError, InputFileError, SeedError : of the library; no planes yet.
-        Cancelled : by `progress`, or because the atrium was deleted meanwhile.
+        Cancelled : as `prepareSuggest`.
         """
+        with longAction(self, CUTTING, progress) as action:
+            return self._apply(inputNode, choice, action)
+
+    def _apply(
+        self, inputNode: RawNode | None, choice: RawChoice, action: LongAction
+    ) -> tuple[ModelNode, FiducialNode]:
         planes = planesOf(inputNode)
         if not planes:
             raise SurfaceError("There are no planes to cut in. Press Suggest first, and look at them.")
         missing = [name for name in LEFT_ATRIUM.openings if name not in planes or not isPlaced(planes[name])]
         if missing:
             raise SurfaceError(f"The plane of {' and '.join(missing)} was deleted. Press Suggest to get it back.")
+        _read(action, inputNode, choice)
         given = _outwards({name: planeOf(node) for name, node in planes.items()})
         if any(suggestedOf(node)[1] == BY_HAND for node in planes.values()):
-            prepared = self._prepareByHand(inputNode, choice, given, progress)
+            prepared = self._prepareByHand(inputNode, choice, given, action)
         else:
-            prepared = self._prepareMoved(inputNode, choice, given, progress)
+            prepared = self._prepareMoved(inputNode, choice, given, action)
+        action.check()
         cavity, seeds = _writeCavity(inputNode, prepared)
         setEditable(planes, False)
         return cavity, seeds
@@ -181,7 +194,12 @@ class PrepareLogic:
         Returns
         -------
         What was taken back: "cavity", "moves", "planes", or "" if there was nothing.
+
+        Raises
+        ------
+        Cancelled : something else is being computed.
         """
+        refuseWhileBusy(self)
         cavity, planes = cavityOf(inputNode), planesOf(inputNode)
         if cavity is not None:
             _removeCavity(inputNode, cavity)
@@ -219,7 +237,9 @@ class PrepareLogic:
         self, parameterNode: LAFlatteningParameterNode, progress: ProgressCallback | None = None
     ) -> dict[str, PlaneNode]:
         """`prepareSuggest` with what the panel says."""
-        return self.prepareSuggest(parameterNode.prepareInput, self.rawChoiceFrom(parameterNode), progress)
+        p = parameterNode
+        watch = whileChosen(p, ("prepareInput",), SUGGESTING, progress)
+        return self.prepareSuggest(p.prepareInput, self.rawChoiceFrom(p), watch)
 
     def applyParameters(
         self, parameterNode: LAFlatteningParameterNode, progress: ProgressCallback | None = None
@@ -227,7 +247,8 @@ class PrepareLogic:
         """`prepareApply` with what the panel says; cavity and seeds become the chosen ones."""
         p = parameterNode
         former = {name: getattr(p, name) for name in FORMER_ROLES}
-        cavity, seeds = self.prepareApply(p.prepareInput, self.rawChoiceFrom(p), progress)
+        watch = whileChosen(p, ("prepareInput", *former), CUTTING, progress)
+        cavity, seeds = self.prepareApply(p.prepareInput, self.rawChoiceFrom(p), watch)
         for name, node in former.items():
             cavity.SetNodeReferenceID(FORMER_ROLES[name], node.GetID() if node is not None else None)
         # Another atrium gets another map.
@@ -240,6 +261,7 @@ class PrepareLogic:
 
     def undoPrepareParameters(self, parameterNode: LAFlatteningParameterNode) -> str:
         """`prepareUndo` with what the panel says; what was chosen before the cavity is chosen again."""
+        refuseWhileBusy(self)
         p, cavity = parameterNode, cavityOf(parameterNode.prepareInput)
         if cavity is not None and p.surface is cavity:
             former = {name: cavity.GetNodeReference(role) for name, role in FORMER_ROLES.items()}
@@ -293,24 +315,30 @@ class PrepareLogic:
         key, prepared = self._prepared
         return prepared if key == _keyOf(inputNode, choice) else None
 
-    def _prepare(self, inputNode: RawNode | None, choice: RawChoice, progress: ProgressCallback | None) -> Preparation:
+    def _prepare(
+        self,
+        inputNode: RawNode | None,
+        choice: RawChoice,
+        action: LongAction,
+        progress: ProgressCallback | None,
+    ) -> Preparation:
         """The atrium with its plan, by rule; remembered until it or the settings change."""
         remembered = self._remembered(inputNode, choice)
         if remembered is not None:
             return remembered
         given = _given(inputNode)
-        with self._working(inputNode, progress) as watch:
-            report(watch, 0.0, "Reading the atrium")
-            raw, notes = rawSurface(inputNode, choice.structure, part(watch, 0.0, 0.2))
-            key = _keyOf(inputNode, choice)
-            prepared = Preparation(raw, repairs=notes)
-            try:
-                prepare(raw, choice.settings(), planes=given, into=prepared, progress=part(watch, 0.2, 1.0))
-            except SurfaceError as error:
-                if prepared.plan is None:
-                    raise
-                # The cuts by rule do not work out, but where they are helps the user to move them.
-                prepared.repairs.append(str(error))
+        key = _keyOf(inputNode, choice) if inputNode is not None else ()
+        report(progress, 0.0, "Reading the atrium")
+        raw, notes = rawSurface(inputNode, choice.structure, part(progress, 0.0, 0.2))
+        prepared = Preparation(raw, repairs=notes)
+        try:
+            prepare(raw, choice.settings(), planes=given, into=prepared, progress=part(progress, 0.2, 1.0))
+        except SurfaceError as error:
+            if prepared.plan is None:
+                raise
+            # The cuts by rule do not work out, but where they are helps the user to move them.
+            prepared.repairs.append(str(error))
+        action.check()
         self._prepared = (key, prepared)
         return prepared
 
@@ -319,10 +347,10 @@ class PrepareLogic:
         inputNode: RawNode,
         choice: RawChoice,
         planes: Mapping[str, CutPlane],
-        progress: ProgressCallback | None,
+        action: LongAction,
     ) -> Preparation:
         """The atrium cut as suggested, but for planes that were moved since."""
-        prepared = self._prepare(inputNode, choice, part(progress, 0.0, 0.7))
+        prepared = self._prepare(inputNode, choice, action, part(action.progress, 0.0, 0.7))
         moved = {
             name: PlannedOpening(plane, GIVEN, float("nan"))
             for name, plane in planes.items()
@@ -332,41 +360,36 @@ class PrepareLogic:
             return prepared
         plan = replace(prepared.plan, openings={**prepared.plan.openings, **moved})
         own = replace(prepared, plan=plan, cavity=None, rims={}, seeds={}, seconds={})
-        with self._working(inputNode, part(progress, 0.7, 1.0)) as watch:
-            apply_plan(own, choice.settings(), LEFT_ATRIUM, watch)
+        apply_plan(own, choice.settings(), LEFT_ATRIUM, part(action.progress, 0.7, 1.0))
         return own
 
+    @staticmethod
     def _prepareByHand(
-        self,
         inputNode: RawNode,
         choice: RawChoice,
         planes: Mapping[str, CutPlane],
-        progress: ProgressCallback | None,
+        action: LongAction,
     ) -> Preparation:
         """The atrium cut in planes of the user only."""
-        with self._working(inputNode, progress) as watch:
-            report(watch, 0.0, "Reading the atrium")
-            raw, notes = rawSurface(inputNode, choice.structure, part(watch, 0.0, 0.2))
-            prepared = Preparation(raw, repairs=notes)
-            return prepare(raw, choice.settings(), planes=planes, into=prepared, progress=part(watch, 0.2, 1.0))
+        report(action.progress, 0.0, "Reading the atrium")
+        raw, notes = rawSurface(inputNode, choice.structure, part(action.progress, 0.0, 0.2))
+        prepared = Preparation(raw, repairs=notes)
+        return prepare(raw, choice.settings(), planes=planes, into=prepared, progress=part(action.progress, 0.2, 1.0))
 
-    @contextmanager
-    def _working(self, inputNode: RawNode | None, progress: ProgressCallback | None) -> Iterator[ProgressCallback]:
-        """While this lasts no map is made, and the deletion of the atrium cancels the work."""
-        if self.isBusy:
-            raise Cancelled("Something else is being computed; wait for it, or cancel it.")
 
-        def watch(share: float, text: str) -> bool | None:
-            answer = progress(share, text) if progress is not None else None
-            if inputNode is not None and inputNode.GetScene() is None:
-                raise Cancelled("The atrium was deleted while it was being prepared.")
-            return answer
+def _read(action: LongAction, inputNode: RawNode | None, choice: RawChoice) -> None:
+    """Note what a preparation depends on: the atrium, and where its planes are."""
+    if inputNode is None or inputNode.GetScene() is None:
+        return
 
-        self.isBusy = True
-        try:
-            yield watch
-        finally:
-            self.isBusy = False
+    def state() -> object:
+        planes = {name: planeOf(node) if isPlaced(node) else None for name, node in planesOf(inputNode).items()}
+        places = {
+            name: (plane.centre.tolist(), plane.normal.tolist()) for name, plane in planes.items() if plane is not None
+        }
+        return _keyOf(inputNode, choice), places, sorted(planes)
+
+    action.read(state, inputNode)
 
 
 def _given(inputNode: RawNode | None) -> dict[str, CutPlane]:

@@ -15,7 +15,7 @@ class AnalyseSection(Section):
 
     def __init__(self, panel) -> None:
         super().__init__(panel)
-        self.work = Work(self.ui.analyseProgressBar, self.ui.analyseCancelButton, self.panel.update)
+        self.work = Work(panel, self.ui.analyseProgressBar, self.ui.analyseCancelButton)
         self.arrays: tuple[str, ...] = ()
         self.otherArrays: tuple[str, ...] = ()
         for button, act in (
@@ -42,13 +42,13 @@ class AnalyseSection(Section):
 
     def measure(self) -> None:
         """Areas of the classes."""
-        with self.work.running(), errorsShownIn(self.ui.analyseMessage, _("The classes could not be measured.")):
+        with errorsShownIn(self.ui.analyseMessage, _("The classes could not be measured.")), self.work.running():
             found = self.logic.measureParameters(self.parameters, self.work.progress)
             showMessage(self.ui.analyseMessage, "\n".join(found.notes))
 
     def findGaps(self) -> None:
         """Gaps in ablation lines."""
-        with self.work.running(), errorsShownIn(self.ui.analyseMessage, _("The gaps could not be measured.")):
+        with errorsShownIn(self.ui.analyseMessage, _("The gaps could not be measured.")), self.work.running():
             table = self.logic.gapsParameters(self.parameters, self.work.progress)
             showMessage(self.ui.analyseMessage, table.GetDescription() or "")
 
@@ -59,7 +59,7 @@ class AnalyseSection(Section):
 
     def compare(self) -> None:
         """This map with another one."""
-        with self.work.running(), errorsShownIn(self.ui.analyseMessage, _("The maps could not be compared.")):
+        with errorsShownIn(self.ui.analyseMessage, _("The maps could not be compared.")), self.work.running():
             table = self.logic.compareParameters(self.parameters)
             showMessage(self.ui.analyseMessage, table.GetDescription() or "")
 
@@ -163,7 +163,7 @@ class AnalyseSection(Section):
         showMessage(self.ui.bloodPoolText, self.logic.bloodPoolWords(mapNode))
 
     def _updateButtons(self) -> None:
-        p, idle = self.parameters, not self.work.isRunning
+        p, idle = self.parameters, not self.panel.isBusy
         noImage = (
             _("Choose an atrium first.")
             if p.surface is None

@@ -32,7 +32,7 @@ class ExportSection(Section):
     def update(self) -> None:
         """A map is needed; files go to the user's own folder until another one is chosen."""
         hasMap = self.parameters.map is not None
-        self.ui.exportButton.enabled = hasMap
+        self.ui.exportButton.enabled = hasMap and not self.panel.isBusy
         files = _(
             "Write the map as VTP and as PNG with colour bar, its quality and the table of regions as CSV; to your "
             "home folder until another one is chosen."

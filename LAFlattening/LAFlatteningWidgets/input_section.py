@@ -34,6 +34,7 @@ class InputSection(Section):
 
     def update(self) -> None:
         """Say what is missing."""
+        self.ui.sampleButton.enabled = not self.panel.isBusy
         if not self.parameters.surface:
             showMessage(
                 self.ui.inputMessage,

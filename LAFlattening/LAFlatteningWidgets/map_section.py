@@ -10,7 +10,7 @@ class MapSection(Section):
 
     def __init__(self, panel) -> None:
         super().__init__(panel)
-        self.work = Work(self.ui.progressBar, self.ui.cancelButton, self.panel.update)
+        self.work = Work(panel, self.ui.progressBar, self.ui.cancelButton)
         self.choices = ()
         self.templates = ()
         self.ui.templateSelector.connect("currentIndexChanged(int)", self.chooseTemplate)
@@ -21,7 +21,7 @@ class MapSection(Section):
 
     def flatten(self) -> None:
         """Make the map; the panel stays usable enough to cancel."""
-        with self.work.running(), errorsShownIn(self.ui.mapMessage, _("The map could not be made.")):
+        with errorsShownIn(self.ui.mapMessage, _("The map could not be made.")), self.work.running():
             self.logic.flattenParameters(self.parameters, self.work.progress)
             self.panel.showLayout()
 
@@ -85,7 +85,7 @@ class MapSection(Section):
     def update(self) -> None:
         """What can be pressed now."""
         missing = self.missing()
-        self.ui.flattenButton.enabled = not missing and not self.work.isRunning
+        self.ui.flattenButton.enabled = not missing and not self.panel.isBusy
         self.ui.flattenButton.toolTip = missing or _("Compute the map.")
         self.ui.frameButton.enabled = self.parameters.map is not None
         self.updateTemplates()

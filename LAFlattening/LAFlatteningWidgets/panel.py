@@ -13,12 +13,14 @@ class Panel(VTKObservationMixin):
     ----------
     parameterNode : the only store of what the panel shows; None while a scene is closed.
     sections : in the order of the panel.
+    work : the computation that is going on in the panel, see `section.Work`; None if there is none.
     """
 
     def __init__(self) -> None:
         VTKObservationMixin.__init__(self)
         self.parameterNode = None
         self.sections = ()
+        self.work = None
         self._guiTag = None
 
     def observeScene(self) -> None:
@@ -114,6 +116,11 @@ class Panel(VTKObservationMixin):
             self.map.updateColours()
 
     # ---- what sections use -------------------------------------------------------------------------------------------
+
+    @property
+    def isBusy(self) -> bool:
+        """Whether something is being computed, and nothing else can be asked for but to cancel it."""
+        return self.work is not None
 
     def update(self) -> None:
         """Show in all sections what the parameter node says."""

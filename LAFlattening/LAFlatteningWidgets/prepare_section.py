@@ -19,7 +19,7 @@ class PrepareSection(Section):
 
     def __init__(self, panel) -> None:
         super().__init__(panel)
-        self.work = Work(self.ui.prepareProgressBar, self.ui.prepareCancelButton, self.panel.update)
+        self.work = Work(panel, self.ui.prepareProgressBar, self.ui.prepareCancelButton)
         self.chosen: str | None = None
         self.structures: dict[str, str] = {}
         self.seen: tuple[object, ...] = ()
@@ -34,7 +34,7 @@ class PrepareSection(Section):
 
     def suggest(self) -> None:
         """Find the openings, and show the planes."""
-        with self.work.running(), errorsShownIn(self.ui.prepareMessage, _("No openings could be suggested.")):
+        with errorsShownIn(self.ui.prepareMessage, _("No openings could be suggested.")), self.work.running():
             self.logic.suggestParameters(self.parameters, self.work.progress)
             self.chosen = None
             self._showNotes()
@@ -56,7 +56,7 @@ class PrepareSection(Section):
 
     def apply(self) -> None:
         """Cut the atrium in its planes, and choose what comes of it."""
-        with self.work.running(), errorsShownIn(self.ui.prepareMessage, _("The atrium could not be cut.")):
+        with errorsShownIn(self.ui.prepareMessage, _("The atrium could not be cut.")), self.work.running():
             self.logic.applyParameters(self.parameters, self.work.progress)
             self._showNotes()
             self.panel.showLayout()
@@ -102,7 +102,7 @@ class PrepareSection(Section):
             self.chosen = None
         showHandles(planes, self.chosen)
         self._fillTable(planes)
-        idle = not self.work.isRunning
+        idle = not self.panel.isBusy
         self.ui.suggestButton.enabled = p.prepareInput is not None and idle
         self.ui.suggestButton.toolTip = (
             _("Find veins, appendage and valve, and show a plane where each would be cut. Nothing is changed.")

@@ -1,10 +1,11 @@
 """What the sections of the panel share: who they belong to, messages, tables."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import qt
 import slicer
+from LAFlatteningScene.long_action import BUSY, Interrupted
 from slicer.i18n import tr as _
 
 from LAFlatteningLib import Cancelled, LAFlatteningError
@@ -36,26 +37,35 @@ class Section:
 
 
 class Work:
-    """A computation with a progress bar and a button to cancel it.
+    """A computation with a progress bar and a button to cancel it; the only one in the panel while it runs.
 
     Parameters
     ----------
-    onChange : called when a computation begins and when it ends.
+    panel : told (`work`, `update`) when a computation begins and when it ends.
     """
 
-    def __init__(self, bar: qt.QProgressBar, cancelButton: qt.QPushButton, onChange: Callable[[], None]) -> None:
-        self._bar, self._button, self._onChange = bar, cancelButton, onChange
+    def __init__(self, panel, bar: qt.QProgressBar, cancelButton: qt.QPushButton) -> None:
+        self._panel, self._bar, self._button = panel, bar, cancelButton
         self.isRunning = self._cancelled = False
         cancelButton.connect("clicked()", self.cancel)
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Show bar and button while something is computed."""
+        """Show bar and button while something is computed.
+
+        Raises
+        ------
+        Interrupted : something is being computed already, and has let the click through that asked for this.
+        """
+        if self._panel.isBusy:
+            raise Interrupted(BUSY)
+        self._panel.work = self
         self.isRunning, self._cancelled = True, False
         self._show()
         try:
             yield
         finally:
+            self._panel.work = None
             self.isRunning = False
             self._show()
 
@@ -73,7 +83,7 @@ class Work:
     def _show(self) -> None:
         for widget in (self._bar, self._button):
             widget.setVisible(self.isRunning)
-        self._onChange()
+        self._panel.update()
 
 
 def showMessage(label: qt.QLabel, text: str) -> None:
@@ -98,6 +108,8 @@ def errorsShownIn(label: qt.QLabel, failure: str) -> Iterator[None]:
     with slicer.util.tryWithErrorDisplay(failure):
         try:
             yield
+        except Interrupted as error:
+            showMessage(label, str(error))
         except Cancelled:
             showMessage(label, _("Cancelled; nothing was changed."))
         except LAFlatteningError as error:
