@@ -109,12 +109,13 @@ class LongAction:
             same = False
         if not same:
             raise Interrupted(
-                f"What it depends on was changed while {self._doing}, so that nothing was written. Do it again."
+                f"What had been read was changed while {self._doing}, so that nothing was written. Do it again."
             )
 
     def _checkNodes(self) -> None:
-        if any(node.GetScene() is None for node in self._nodes):
-            raise Interrupted(f"What it depends on was deleted while {self._doing}, so that nothing was written.")
+        for node in self._nodes:
+            if node.GetScene() is None:
+                raise Interrupted(f'"{node.GetName()}" was deleted while {self._doing}, so that nothing was written.')
 
 
 def whileChosen(
