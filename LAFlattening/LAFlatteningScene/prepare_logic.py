@@ -250,7 +250,9 @@ class PrepareLogic:
         watch = whileChosen(p, ("prepareInput", *former), CUTTING, progress)
         cavity, seeds = self.prepareApply(p.prepareInput, self.rawChoiceFrom(p), watch)
         for name, node in former.items():
-            cavity.SetNodeReferenceID(FORMER_ROLES[name], node.GetID() if node is not None else None)
+            # One that was deleted meanwhile would lend its id to a later node.
+            isThere = node is not None and node.GetScene() is not None
+            cavity.SetNodeReferenceID(FORMER_ROLES[name], node.GetID() if isThere else None)
         # Another atrium gets another map.
         p.surface, p.seeds, p.map = cavity, seeds, None
         return cavity, seeds

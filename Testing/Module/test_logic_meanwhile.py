@@ -413,6 +413,19 @@ class PreparingTest(LogicCase):
                 self.stopped(self.logic.applyParameters, act)
                 self.assertIsNone(self.p.surface)
 
+    def test_whatWasChosenBeforeIsDeleted(self):
+        """Undo does not choose a later node that has got the id of the one that was deleted."""
+        self.p.surface = addAtrium()
+        self.logic.suggestParameters(self.p)
+        node = planesOf(self.raw)["RIPV"]
+        setPlane(node, CutPlane(planeOf(node).centre + planeOf(node).normal, planeOf(node).normal))
+        progress = Once(lambda: slicer.mrmlScene.RemoveNode(self.p.surface))
+        cavity, _ = self.logic.applyParameters(self.p, progress)
+        self.assertTrue(progress.done)
+        self.assertIsNone(cavity.GetNodeReferenceID("LAFlattening.former.surface"))
+        self.logic.undoPrepareParameters(self.p)
+        self.assertIsNone(self.p.surface)
+
     def test_anotherInputIsChosen(self):
         other = addClosed("Other")
 
