@@ -253,7 +253,7 @@ class FibrosisTest(AnalysisCase):
         groups = {part.group for part in found.parts}
         self.assertIn("vein_segments", groups)
         labels = array(self.surface, "vein_segments", onCells=True)
-        self.assertEqual(len(np.unique(labels[labels > 0])), 16)
+        self.assertEqual(len(np.unique(labels[labels > 0])), 18)
         ids = array(self.map, "surface_point_id")
         np.testing.assert_array_equal(array(self.map, "vein_segments"), array(self.surface, "vein_segments")[ids])
 

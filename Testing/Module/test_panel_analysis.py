@@ -80,7 +80,7 @@ class AnalysePanelTest(PanelCase):
             self.ui.measureButton.click()
         self.assertNotIn("expected", self.ui.analyseMessage.text)
         names = [self.ui.fibrosisTable.item(row, 1).text() for row in range(self.ui.fibrosisTable.rowCount)]
-        self.assertEqual(len(names), 6 + 16 + 2)
+        self.assertEqual(len(names), 6 + 18 + 2)
         self.assertEqual(names[-2:], ["behind", "front"])
         self.ui.parcellationFile.currentPath = "/nowhere/own.json"
         self.ui.measureButton.click()
