@@ -38,7 +38,7 @@ _UNLIKE = "The veins and the appendage do not lie as in a left atrium"
 
 
 class VeinsMissingError(SurfaceError):
-    """Veins or the appendage were not found; not that they are there and mirrored or turned."""
+    """Veins or the appendage were not found; not that they are surely there and mirrored or turned."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ def recognise(
         if best.misfit <= WORST_MISFIT and best.misfit > MIRROR_RATIO * mirrored.misfit:
             raise SurfaceError(
                 "Without patient axes the atrium and its mirror image look too much alike to tell right from left. "
-                "Give the surface in patient axes, or mark the tips yourself."
+                "Give the surface in patient axes, or mark the tip of each vein (--tips)."
             )
     if best.misfit > LIKELY_MISFIT:
         _refuse_other_axes(layout, directions, orders, extra, best, space)
@@ -234,4 +234,12 @@ def _refuse_other_axes(
         raise SurfaceError(
             f"{_UNLIKE}, but as in its mirror image, turned by {other.degrees:.0f} degrees. Check the direction matrix "
             "of the image and the patient axes of the file."
+        )
+    if turned.misfit <= better:
+        # Not final: among fainter tips there may be veins that fit as the axes say.
+        raise VeinsMissingError(
+            f"{_UNLIKE} in patient axes ({space}), but would if turned by {turned.degrees:.0f} degrees, and nearly as "
+            f"well mirrored and turned by {other.degrees:.0f} degrees: the axes of the file are probably not the "
+            "patient's. Give the surface in patient axes; or mark the tip of each vein (--tips), so that right and "
+            "left are known, and give --ignore-axes."
         )
