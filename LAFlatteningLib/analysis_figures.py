@@ -38,9 +38,10 @@ from .parcel_figures import draw_outlines, list_parts
 from .parcellation import Parcellation
 from .quantities import readable
 from .scalar_arrays import scalar_array
-from .shading import NO_VALUE, OPPOSITE, FloatArray, Paint, label_of, rasterise, shade, standard_view
+from .shading import NO_VALUE, FloatArray, Paint, label_of, rasterise, shade
 from .surface import Surface
 from .template import Template
+from .views import PatientFrame, View
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -105,10 +106,10 @@ def make_fibrosis_figure(
     require_matplotlib()
     surface, data = on_atrium(atrium)
     paint = class_paint(surface, found)
-    figure = new_page(
-        f"{found.array}: {found.atrium.beyond_percent:.1f} % of the atrium {_beyond(found)}", _facts(found)
-    )
-    _views(figure, surface, paint, BESIDE_A_MAP if data is not None else WITHOUT_A_MAP)
+    frame = data.frame if data is not None else PatientFrame.of(surface, {})
+    title = f"{found.array}: {found.atrium.beyond_percent:.1f} % of the atrium {_beyond(found)}"
+    figure = new_page(title, [*_facts(found), *([frame.fact] if frame.fact else [])])
+    _views(figure, surface, frame.views, paint, BESIDE_A_MAP if data is not None else WITHOUT_A_MAP)
     if data is not None:
         axes = add_axes(figure, "map", (4.35, 1.75, 5.2, 5.2))
         _draw_map(axes, data, paint, bool(parcellations))
@@ -264,9 +265,10 @@ def _comparison_facts(found: Comparison) -> list[str]:
     ]
 
 
-def _views(figure: Figure, surface: Surface, paint: Paint, places: Sequence[tuple[float, ...]]) -> None:
+def _views(
+    figure: Figure, surface: Surface, views: Sequence[View], paint: Paint, places: Sequence[tuple[float, ...]]
+) -> None:
     """The atrium from behind and from the front, at one scale."""
-    views = [standard_view(name, surface.space) for name in ("posterior", "anterior")]
     frames = [view.project(surface.points[surface.used_points])[:, :2] for view in views]
     size = np.array(places[0][2:])
     mm_per_inch = max(float((np.ptp(frame, axis=0) / (size - (0.6, 0.4))).max()) for frame in frames)
@@ -287,10 +289,10 @@ def _views(figure: Figure, surface: Surface, paint: Paint, places: Sequence[tupl
         left, right, bottom_mm, top = raster.extent
         axes.set(xlim=(left, right), ylim=(bottom_mm, top), xticks=[], yticks=[])
         axes.spines[:].set_visible(False)
-        for at, direction in (((0.01, 0.5), OPPOSITE[view.right]), ((0.99, 0.5), view.right)):
-            write_text(axes, at, direction[0].upper(), TEXT_SIZE, FAINT, weight="bold", transform=axes.transAxes)
-        side = "behind" if view.towards == "posterior" else "the front"
-        write_heading(axes, f"Seen from {side} ({view.towards} view)", 0.1)
+        for side, x in (("left", 0.01), ("right", 0.99)) if view.ends else ():
+            letter = view.ends[side][0].upper()
+            write_text(axes, (x, 0.5), letter, TEXT_SIZE, FAINT, weight="bold", transform=axes.transAxes)
+        write_heading(axes, view.heading, 0.1)
         x, y = left + 0.1 * mm_per_inch, bottom_mm + 0.05 * mm_per_inch
         axes.plot([x, x + 20.0], [y, y], color=INK, linewidth=2.0, solid_capstyle="butt")
         write_text(axes, (x + 10.0, y + 0.11 * mm_per_inch), "20 mm", SMALL_SIZE)

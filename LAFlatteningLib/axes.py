@@ -39,7 +39,7 @@ def with_axes(surface: Surface, axes: str) -> tuple[Surface, list[str]]:
     if axes not in AXES:
         raise SurfaceError(f'Expected axes out of {", ".join(AXES)}, found "{axes}".')
     if axes != "CARTO":
-        return replace(surface, space=axes), []
+        return surface.with_space(axes), []
     kept, left_out = [], []
     for arrays in (surface.point_data, surface.cell_data):
         vectors = {name for name, array in arrays.items() if np.ndim(array) == 2 and np.shape(array)[1] == 3}
@@ -49,6 +49,8 @@ def with_axes(surface: Surface, axes: str) -> tuple[Surface, list[str]]:
     if left_out:
         notes.append(f"Arrays of vectors were left out, which would not be turned with it: {', '.join(left_out)}.")
     return (
-        replace(surface, points=lps_from_carto(surface.points), point_data=kept[0], cell_data=kept[1], space="LPS"),
+        replace(
+            surface.with_space("LPS"), points=lps_from_carto(surface.points), point_data=kept[0], cell_data=kept[1]
+        ),
         notes,
     )

@@ -40,21 +40,18 @@ from .page import (
 )
 from .shading import (
     NO_VALUE,
-    OPPOSITE,
     FloatArray,
     IntArray,
     Paint,
     Raster,
-    View,
     array_paint,
     default_array,
-    patient_direction,
     rasterise,
     region_paint,
     shade,
-    standard_view,
 )
 from .surface import Surface
+from .views import OPPOSITE, View
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -62,6 +59,9 @@ if TYPE_CHECKING:
 
 VIEW_DOTS_PER_INCH = 400
 """Of the atrium before it is scaled down to the page, which smooths its outline."""
+DIAGONAL = 0.8
+"""An estimated direction of the patient that runs along both axes of the map, along the one as much as this share of
+the other, is not written at either."""
 INSIDE = (0.36, 0.36, 0.38)
 """The inner side of the wall, seen through an opening."""
 BORDER_COLOUR, RIM_COLOUR, SEED_COLOUR, FOLD_COLOUR = "#111111", "#00b8a9", "#ffffff", "#d40000"
@@ -109,7 +109,8 @@ def draw_distortion(flat_map: FlatMap, path: Path | str) -> None:
 def make_figure(flat_map: FlatMap, *, array: str | None = None, title: str | None = None) -> Figure:
     """The page of `draw_figure` as a matplotlib Figure, to show or to change.
 
-    Its axes are labelled "posterior", "anterior" (data coordinates: mm), "map" (map units) and "colours".
+    Its axes are labelled "posterior", "anterior" (data coordinates: mm; or as `views.View.name`), "map" (map units) and
+    "colours".
     """
     require_matplotlib()
     anatomy, surface = flat_map.template.anatomy, flat_map.surface
@@ -119,7 +120,7 @@ def make_figure(flat_map: FlatMap, *, array: str | None = None, title: str | Non
     paint = region_paint(mesh.regions, anatomy) if array is None else array_paint(surface, array)
     chamber = anatomy.name.replace("_", " ").capitalize()
     figure = _new_page(flat_map, title or f"{chamber} and its standard map: {paint.label}")
-    views = [standard_view(name, surface.space) for name in ("posterior", "anterior")]
+    views = flat_map.frame.views
     frames = [view.project(surface.points[surface.used_points])[:, :2] for view in views]
     size = np.array([3.75, 3.2])
     # Both views at one scale, with room for the names round the atrium.
@@ -229,12 +230,8 @@ def _draw_view(
     axes.spines[:].set_visible(False)
     for ids in division.paths.values():
         draw_line(axes, raster.visible_part(line_points[ids], line_normals[ids]), BORDER_COLOUR, 1.1)
-    marks = (
-        ((0.01, 0.5), OPPOSITE[view.right]),
-        ((0.99, 0.5), view.right),
-        ((0.5, 0.97), view.up),
-        ((0.5, 0.03), OPPOSITE[view.up]),
-    )
+    corners = {"left": (0.01, 0.5), "right": (0.99, 0.5), "top": (0.5, 0.97), "bottom": (0.5, 0.03)}
+    marks = [(corners[side], direction) for side, direction in view.ends.items()]
     small = np.array([0.1, 0.08]) * mm_per_inch
     seeds = view.project(np.array(list(flat_map.seeds.positions.values())))
     seeds = seeds[raster.is_visible(seeds), :2]
@@ -262,9 +259,7 @@ def _draw_view(
     _seeds(axes, seeds)
     for at, direction in marks:
         write_text(axes, at, direction[0].upper(), TEXT_SIZE, FAINT, weight="bold", transform=axes.transAxes)
-    write_heading(
-        axes, f"Seen from {'behind' if view.towards == 'posterior' else 'the front'} ({view.towards} view)", 0.15
-    )
+    write_heading(axes, view.heading, 0.15)
     bar = 20.0
     x, y = left + 0.1 * mm_per_inch, bottom + 0.05 * mm_per_inch
     axes.plot([x, x + bar], [y, y], color=INK, linewidth=2.0, solid_capstyle="butt")
@@ -355,15 +350,17 @@ def _region_words(axes: Axes, flat_map: FlatMap) -> None:
 
 
 def _map_axes(axes: Axes, flat_map: FlatMap) -> None:
-    """Ticks in disk radii, and at the ends of each axis the patient's directions in which it runs."""
+    """Ticks in disk radii, and at the ends of each axis the patient's directions in which it runs, if known."""
     shape, radius = flat_map.template.outer.shape, flat_map.template.radius
     flat, on_atrium = (points[flat_map.triangles].mean(axis=1) for points in (flat_map.points, flat_map.surface.points))
     area = flat_map.surface.triangle_areas[:, None]
     trend = (area * (on_atrium - (area * on_atrium).sum(axis=0) / area.sum())).T @ flat
     ends: tuple[list[str], list[str]] = ([], [])
-    for name in ("right", "superior", "anterior"):
-        along = patient_direction(name, flat_map.surface.space) @ (trend / np.linalg.norm(trend, axis=0))
+    for name in ("right", "superior", "anterior") if flat_map.frame.axes is not None else ():
+        along = flat_map.frame.direction(name) @ (trend / np.linalg.norm(trend, axis=0))
         axis = int(np.abs(along).argmax())
+        if flat_map.frame.fact and abs(along[1 - axis]) > DIAGONAL * abs(along[axis]):
+            continue
         ends[axis].append(name if along[axis] > 0 else OPPOSITE[name])
     ticks = np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
     for axis, side in enumerate(("bottom", "left")):
@@ -371,7 +368,8 @@ def _map_axes(axes: Axes, flat_map: FlatMap) -> None:
         low, high = ", ".join(OPPOSITE[name] for name in ends[axis]), ", ".join(ends[axis])
         whose = "patient's " if "left" in (low, high) else ""
         line = (axes.xaxis, axes.yaxis)[axis]
-        line.set_label_text(f"{whose}{low}  ←  disk radii  →  {whose}{high}", size=TEXT_SIZE, color=INK)
+        words = f"{whose}{low}  ←  disk radii  →  {whose}{high}" if ends[axis] else "disk radii"
+        line.set_label_text(words, size=TEXT_SIZE, color=INK)
         line.set_ticks(middle + ticks * radius, labels=[f"{tick:g}" for tick in ticks])
         (axes.set_xlim, axes.set_ylim)[axis](middle - 1.16 * radius, middle + 1.16 * radius)
         axes.spines[side].set(bounds=(middle - radius, middle + radius), edgecolor=FAINT)
@@ -420,6 +418,9 @@ def _new_page(flat_map: FlatMap, title: str) -> Figure:
         facts.append(f"{flat_map.seconds['total']:.1f} s")
     facts.append(f"LAFlattening {__version__}")
     figure.text(0.5, 0.16 / PAGE_INCHES[1], "  ·  ".join(facts), size=SMALL_SIZE, color=FAINT, **centred)
+    if flat_map.frame.fact:
+        place = 1.0 - 0.6 / PAGE_INCHES[1]
+        figure.text(0.5, place, flat_map.frame.fact, size=SMALL_SIZE, color=INK, **centred)
     return figure
 
 

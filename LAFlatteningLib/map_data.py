@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +14,9 @@ from .errors import SurfaceError, TemplateError
 from .flattening.flat_map import POSITION_ARRAY, FlatMap
 from .operators import signed_areas
 from .scalar_arrays import scalar_array
-from .surface import FloatArray, IntArray, Surface
+from .surface import Array, FloatArray, IntArray, Surface
 from .template import Template, builtin_templates
+from .views import PatientFrame
 
 DIAMETER_FIELD = "map_diameter_mm"
 """Field array of maps that the Slicer module has exported: how wide they are, in mm."""
@@ -31,12 +34,14 @@ class MapData:
     flat : (n, 2) places of its points on the map, map units.
     template : the layout of the map.
     method : by which the map was made; empty where its file does not say.
+    seeds : seed -> (3,) where it was used, mm, in the axes of the surface; empty where the file does not say.
     """
 
     surface: Surface
     flat: FloatArray
     template: Template
     method: str = ""
+    seeds: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @classmethod
     def of(cls, flat_map: FlatMap | Surface | MapData, template: Template | str | Path | None = None) -> MapData:
@@ -56,7 +61,7 @@ class MapData:
         if isinstance(flat_map, MapData):
             return flat_map
         if isinstance(flat_map, FlatMap):
-            return cls(flat_map.surface, flat_map.points, flat_map.template, flat_map.method)
+            return cls(flat_map.surface, flat_map.points, flat_map.template, flat_map.method, flat_map.seeds.positions)
         if np.ptp(flat_map.points[:, 2]) > 0.0:
             raise SurfaceError(
                 "The surface is not flat. Expected a map as la-flatten flatten writes it (all points at z = 0); "
@@ -75,6 +80,7 @@ class MapData:
             _in_map_units(flat_map, layout),
             layout,
             _text(flat_map.field_data.get("method", "")),
+            seeds_in(flat_map.field_data),
         )
         data._check()
         return data
@@ -113,6 +119,11 @@ class MapData:
                 f"expected {SIZE_LIMITS_MM[0]:g} to {SIZE_LIMITS_MM[1]:g} mm. Make the map again from an atrium in mm."
             )
 
+    @cached_property
+    def frame(self) -> PatientFrame:
+        """The patient's directions; estimated where the axes of the surface are not known, or contradicted."""
+        return PatientFrame.of(self.surface, self.seeds, self.template.anatomy)
+
     @property
     def triangles(self) -> IntArray:
         """(m, 3) point ids."""
@@ -136,6 +147,15 @@ class MapData:
         total = np.bincount(corner, np.repeat(weight * np.nan_to_num(values), 3), minlength=count)
         with np.errstate(divide="ignore", invalid="ignore"):
             return total / np.bincount(corner, np.repeat(weight, 3), minlength=count)
+
+
+def seeds_in(field_data: Mapping[str, Array]) -> dict[str, FloatArray]:
+    """The seeds that the field data of a map hold, seed -> (3,) mm on the atrium; none where they do not fit."""
+    labels = np.asarray(field_data.get("seed_labels", ()), dtype=object).reshape(-1)
+    places = np.asarray(field_data.get("seed_positions_mm", ()), np.float64)
+    if places.shape != (len(labels), 3):
+        return {}
+    return dict(zip(map(str, labels), places, strict=True))
 
 
 def _in_map_units(flat_map: Surface, template: Template) -> FloatArray:

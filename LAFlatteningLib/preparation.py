@@ -43,7 +43,7 @@ class PrepareSettings:
     pv_length_mm, laa_length_mm : length of vein and appendage that stays beyond the ostium.
     whole_triangles : leave triangles whole at the rims.
     extra_veins : "cover" or "keep", see `cavity.plan.plan_cuts`.
-    ignore_axes : the coordinates are not the patient's axes.
+    ignore_axes : the coordinates are not the patient's axes, as where the surface says so itself.
     widest_handle_mm : a wider bridge between veins, or tunnel, is not cut by itself.
     """
 
@@ -93,7 +93,7 @@ class Preparation:
         result: dict[str, Any] = {
             "schema": "laflattening-prepare/1",
             "version": __version__,
-            "space": self.raw.space,
+            "space": self.raw.axes_name,
             "input": _sizes(self.raw),
             "repairs": list(self.repairs),
             "handles": [
@@ -150,6 +150,10 @@ def prepare(
     """
     settings = settings or PrepareSettings()
     result = into if into is not None else Preparation(surface)
+    if settings.ignore_axes:
+        # All that is made of the surface takes that along.
+        surface = surface.with_unknown_axes()
+    result.raw = surface
     watch = Stopwatch()
     result.seconds = watch.seconds
     with watch.stage("clean"):
@@ -182,7 +186,7 @@ def prepare(
                 hole: settings.laa_length_mm if hole in anatomy.appendages else settings.pv_length_mm
                 for hole in anatomy.holes
             },
-            ignore_axes=settings.ignore_axes,
+            ignore_axes=not surface.axes_known,
             extra_veins=settings.extra_veins,
             progress=part(progress, 0.4, 0.8),
         )

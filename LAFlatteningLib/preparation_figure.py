@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ._version import __version__
+from .anatomy import LEFT_ATRIUM
 from .carrying import closest_points
 from .figures import INSIDE, RIM_COLOUR
 from .page import FAINT, HEADING_SIZE, INK, SMALL_SIZE, TEXT_SIZE, TITLE_SIZE, save_page, write_text
 from .preparation import Preparation
-from .shading import OPPOSITE, View, rasterise, shade, standard_view
+from .shading import BoolArray, FloatArray, Raster, rasterise, shade
 from .surface import Surface
+from .views import PatientFrame, View
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,7 +45,7 @@ def draw_preparation(preparation: Preparation, path: Path | str) -> None:
 
 
 def make_preparation_figure(preparation: Preparation) -> Figure:
-    """The page of `draw_preparation`; its axes are labelled "posterior" and "anterior" (mm)."""
+    """The page of `draw_preparation`; its axes are labelled "posterior" and "anterior" (mm), or as `View.name`."""
     from matplotlib.figure import Figure
 
     surface = preparation.surface or preparation.raw
@@ -53,16 +55,19 @@ def make_preparation_figure(preparation: Preparation) -> Figure:
     kept = np.ones(len(surface.points), bool)
     if preparation.cavity is not None:
         kept = closest_points(preparation.cavity, surface.points).distance_mm < CUT_OFF_MM
-    for k, name in enumerate(("posterior", "anterior")):
+    openings = preparation.plan.openings if preparation.plan else {}
+    places = {name: opening.plane.centre for name, opening in openings.items()}
+    frame = PatientFrame.of(surface if preparation.cavity is None else preparation.cavity, places, LEFT_ATRIUM)
+    for k, view in enumerate(frame.views):
         axes = figure.add_axes((0.03 + 0.48 * k, 0.16, 0.46, 0.7))
-        axes.set_label(name)
-        _draw_view(axes, preparation, surface, kept, standard_view(name, surface.space))
+        axes.set_label(view.name)
+        _draw_view(axes, preparation, surface, kept, view)
     facts = [f"{len(surface.points):,} points", f"{surface.area / 100:.0f} cm²"]
     if preparation.plan:
-        openings = preparation.plan.openings.items()
-        rims = [f"{name} {opening.perimeter_mm:.0f} mm ({opening.found_by})" for name, opening in openings]
+        rims = [f"{name} {opening.perimeter_mm:.0f} mm ({opening.found_by})" for name, opening in openings.items()]
         figure.text(0.5, 0.085, "perimeters: " + "  ·  ".join(rims), size=SMALL_SIZE, color=INK, **centred)
         facts.append(f"names: confidence {preparation.plan.confidence}")
+    facts += [frame.fact] if frame.fact else []
     facts += ["grey: cut off", "dots: seeds", f"LAFlattening {__version__}"]
     figure.text(0.5, 0.035, "  ·  ".join(facts), size=SMALL_SIZE, color=FAINT, **centred)
     return figure
@@ -82,8 +87,9 @@ def _draw_view(axes: Axes, preparation: Preparation, surface: Surface, kept: np.
     axes.imshow(image, extent=(left, right, bottom, top), origin="lower", interpolation="antialiased")
     axes.set(xlim=(left, right), ylim=(bottom, top), xticks=[], yticks=[], aspect="equal")
     axes.spines[:].set_visible(False)
-    axes.set_title(f"{view.towards} view", size=HEADING_SIZE, color=INK)
-    axes.set_xlabel(f"patient's {OPPOSITE[view.right]}  ←  mm  →  {view.right}", size=TEXT_SIZE, color=INK)
+    axes.set_title(view.title, size=HEADING_SIZE, color=INK)
+    words = f"patient's {view.ends['left']}  ←  mm  →  {view.ends['right']}" if view.ends else "mm"
+    axes.set_xlabel(words, size=TEXT_SIZE, color=INK)
     if preparation.cavity is not None:
         for name, rim in preparation.rims.items():
             line = view.project(preparation.cavity.points[np.append(rim, rim[0])])
@@ -91,8 +97,7 @@ def _draw_view(axes: Axes, preparation: Preparation, surface: Surface, kept: np.
             shown = np.where(seen[:, None], line[:, :2], np.nan)
             axes.plot(shown[:, 0], shown[:, 1], color=RIM_COLOUR, linewidth=1.8)
             if seen.mean() > 0.3:
-                place = line[:, :2].mean(axis=0)
-                write_text(axes, place, name, TEXT_SIZE, halo=True, weight="bold")
+                write_text(axes, _name_place(line, seen, raster), name, TEXT_SIZE, halo=True, weight="bold")
     for label, place in preparation.seeds.items():
         at = view.project(place[None])
         if raster.is_visible(at)[0]:
@@ -101,3 +106,19 @@ def _draw_view(axes: Axes, preparation: Preparation, surface: Surface, kept: np.
                 write_text(axes, at[0, :2] + 2.5, label, TEXT_SIZE, halo=True, weight="bold")
     axes.plot([left + 4.0, left + 24.0], [bottom + 3.0] * 2, color=INK, linewidth=2.0)
     axes.text(left + 14.0, bottom + 5.0, "20 mm", size=SMALL_SIZE, color=INK, ha="center", va="bottom")
+
+
+def _name_place(line: FloatArray, seen: BoolArray, raster: Raster) -> FloatArray:
+    """Where to write the name of an opening, (2,): in its middle, or on the part of its rim that is seen where the wall
+    hides that.
+
+    Parameters
+    ----------
+    line : (k, 3) its rim, projected.
+    seen : (k,) which of that is seen; some of it.
+    """
+    middle = line.mean(axis=0)
+    if raster.is_visible(middle[None])[0]:
+        return middle[:2]
+    shown = line[seen, :2]
+    return shown[np.linalg.norm(shown - shown.mean(axis=0), axis=1).argmin()]

@@ -137,7 +137,7 @@ def project(
     used = surface.used_points
     outside, partly = (int(np.count_nonzero(used & which)) for which in (inside == 0, (inside > 0) & (inside < count)))
     if outside == np.count_nonzero(used):
-        raise InputFileError(_no_overlap(points[used], volume))
+        raise InputFileError(_no_overlap(points[used], volume, surface.axes_known))
     if outside > 0.5 * np.count_nonzero(used) and _fits_turned(points[used], volume):
         raise InputFileError(
             f"The image does not reach {outside} of {np.count_nonzero(used)} points of the surface. " + _TURNED
@@ -243,7 +243,7 @@ def _interval(depth_mm: float, side: str, interval_mm: Sequence[float] | None) -
     return (0.0 if side == "out" else -float(depth_mm)), (0.0 if side == "in" else float(depth_mm))
 
 
-def _no_overlap(points: FloatArray, volume: Volume) -> str:
+def _no_overlap(points: FloatArray, volume: Volume, axes_known: bool) -> str:
     """What to say where no sample is in the image: both extents, and whether a mix-up of axes explains it."""
     last = np.array(volume.values.shape[::-1]) - 1.0
     corners = volume.positions(np.stack(np.meshgrid(*((0.0, end) for end in last)), axis=-1).reshape(-1, 3))
@@ -253,7 +253,7 @@ def _no_overlap(points: FloatArray, volume: Volume) -> str:
     ]
     message = (
         f"The image does not overlap the surface. The surface reaches over {texts[0]} mm, the image over {texts[1]} mm "
-        "(x, y, z in LPS). "
+        f"(x, y, z{' in LPS' if axes_known else ''}). "
     )
     if _fits_turned(points, volume):
         return message + _TURNED

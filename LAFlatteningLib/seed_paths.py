@@ -157,7 +157,8 @@ def connect_seeds(
 
     Parameters
     ----------
-    check_axes : whether the seeds must lie as the patient axes of the surface say (`seeds.check_directions`).
+    check_axes : whether the seeds must lie as the patient axes of the surface say (`seeds.check_directions`), if it
+        knows them.
 
     Raises
     ------
@@ -166,7 +167,7 @@ def connect_seeds(
     """
     result = _connect(cavity, seeds, anatomy, ways)
     _check_not_mirrored(result, anatomy)
-    if check_axes:
+    if check_axes and cavity.closed.axes_known:
         check_directions(seeds.positions, cavity.closed.space, anatomy)
     if _misplaced(result, anatomy, ways):
         _explain(cavity, seeds, anatomy, ways, result)

@@ -235,6 +235,12 @@ def _explain_far_seeds(
         return all(distance(position * factor, label) <= SNAP_LIMIT_MM for label, position in seeds.items())
 
     if fits(np.array([-1.0, -1.0, 1.0])):
+        if not cavity.closed.axes_known:
+            raise SeedError(
+                "The seeds are in other axes than the surface: with x and y negated all of them lie on it. Give seeds "
+                "in the surface's own coordinates.",
+                far,
+            )
         raise SeedError(
             f"The seeds are in {other_space} and the surface is in {space}: with x and y negated all seeds lie on the "
             f"surface. Give seeds in the surface's own coordinates, or as .mrk.json, which names its axes (if they are "

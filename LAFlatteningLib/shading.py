@@ -1,8 +1,8 @@
-"""Pictures of a surface without a graphics card: standard views, a depth-buffer rasteriser, shading, colours.
+"""Pictures of a surface without a graphics card: a depth-buffer rasteriser, shading, colours.
 
-A surface is projected (`View.project`), rasterised (`rasterise`: which triangle is in front at each pixel), its array
-is turned into colours (`Paint`), and these are shaded (`shade`). A flat map is rasterised likewise, with depth 0. All
-of it is numpy, so that figures come out alike on a server, in a thread and within other programs.
+A surface is projected (`views.View.project`), rasterised (`rasterise`: which triangle is in front at each pixel), its
+array is turned into colours (`Paint`), and these are shaded (`shade`). A flat map is rasterised likewise, with depth 0.
+All of it is numpy, so that figures come out alike on a server, in a thread and within other programs.
 
 Colours
 -------
@@ -37,27 +37,6 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-PATIENT_AXES: dict[str, dict[str, tuple[float, float, float]]] = {
-    "LPS": {"left": (1.0, 0.0, 0.0), "posterior": (0.0, 1.0, 0.0), "superior": (0.0, 0.0, 1.0)},
-    "RAS": {"left": (-1.0, 0.0, 0.0), "posterior": (0.0, -1.0, 0.0), "superior": (0.0, 0.0, 1.0)},
-}
-"""Unit vectors of the patient's directions in each of the two coordinate systems."""
-
-OPPOSITE = {
-    "left": "right",
-    "right": "left",
-    "posterior": "anterior",
-    "anterior": "posterior",
-    "superior": "inferior",
-    "inferior": "superior",
-}
-
-STANDARD_VIEWS: dict[str, tuple[str, str, str]] = {
-    "posterior": ("right", "superior", "posterior"),
-    "anterior": ("left", "superior", "anterior"),
-}
-"""View -> the patient's directions that point right on the page, up on the page, and towards the viewer."""
-
 LIGHT = (-0.35, 0.50, 0.79)
 """Where light comes from: right on the page, up, towards the viewer."""
 AMBIENT, DIFFUSE, SHEEN = 0.52, 0.52, 0.11
@@ -79,55 +58,6 @@ VISIBLE_MM = 1.0
 """A point of the surface is hidden where the surface is farther in front of it than this."""
 FRAGMENTS_AT_ONCE = 2_000_000
 """Pixels tested at a time; bounds the memory."""
-
-
-def patient_direction(name: str, space: str) -> FloatArray:
-    """Unit vector, (3,), of a direction of the patient ("left", "anterior"...) in "LPS" or "RAS" coordinates.
-
-    Examples
-    --------
-    >>> patient_direction("anterior", "RAS").tolist()
-    [0.0, 1.0, 0.0]
-    """
-    axes = PATIENT_AXES[space]
-    # Adding zero turns -0.0 into 0.0.
-    return np.array(axes[name]) if name in axes else 0.0 - np.array(axes[OPPOSITE[name]])
-
-
-@dataclass(frozen=True)
-class View:
-    """An orthographic view of a patient.
-
-    Attributes
-    ----------
-    name : "posterior" (from behind) or "anterior" (from the front).
-    right, up, towards : the patient's directions that point right on the page, up, and towards the viewer.
-    axes : (3, 3) rows: these directions as unit vectors.
-    """
-
-    name: str
-    right: str
-    up: str
-    towards: str
-    axes: FloatArray
-
-    def project(self, points: FloatArray) -> FloatArray:
-        """Points (n, 3) mm -> (n, 3) mm: right on the page, up on the page, towards the viewer."""
-        return points @ self.axes.T
-
-
-def standard_view(name: str, space: str) -> View:
-    """One of `STANDARD_VIEWS` for a surface in "LPS" or "RAS".
-
-    Examples
-    --------
-    From behind, the patient's left is on the left of the page:
-
-    >>> standard_view("posterior", "LPS").project(np.array([[1.0, 0.0, 0.0]])).tolist()
-    [[-1.0, 0.0, 0.0]]
-    """
-    directions = STANDARD_VIEWS[name]
-    return View(name, *directions, axes=np.stack([patient_direction(d, space) for d in directions]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,15 +33,14 @@ from .shading import (
     IntArray,
     Paint,
     Raster,
-    View,
     rasterise,
     region_paint,
     shade,
-    standard_view,
 )
 from .shape_statistics import ShapeTable
 from .surface import Surface
 from .textures import Texture
+from .views import View
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -176,20 +175,20 @@ def make_study_figure(maps: Mapping[str, MapData], *, pattern: Texture | None = 
 
 
 def make_texture_figure(data: MapData, patterns: Sequence[Texture]) -> Figure:
-    """The page of `draw_textures`; axes are labelled by the pattern and "posterior", "anterior" or "map"."""
+    """The page of `draw_textures`; axes are labelled by the pattern and "map" or the `View.name`."""
     if not 1 <= len(patterns) <= 3:
         raise ValueError(f"Expected 1 to 3 patterns, found {len(patterns)}.")
-    figure = new_page("Patterns on the atrium, and on its map")
+    figure = new_page("Patterns on the atrium, and on its map", [data.frame.fact] if data.frame.fact else [])
     height = 6.9 / len(patterns)
     side = min(height - 0.15, 3.4)
     raster = rasterise_map(data.flat, data.triangles)
     for row, pattern in enumerate(patterns):
         bottom = 7.4 - (row + 1) * height + 0.5 * (height - side)
-        for k, name in enumerate(("posterior", "anterior")):
-            axes = add_axes(figure, f"{pattern.name} {name}", (0.6 + k * (side + 0.2), bottom, side, side))
-            show_surface(axes, data.surface, standard_view(name, data.surface.space), pattern)
+        for k, view in enumerate(data.frame.views):
+            axes = add_axes(figure, f"{pattern.name} {view.name}", (0.6 + k * (side + 0.2), bottom, side, side))
+            show_surface(axes, data.surface, view, pattern)
             if row == 0:
-                write_heading(axes, f"{name} view", 0.08)
+                write_heading(axes, view.title, 0.08)
         axes = add_axes(figure, f"{pattern.name} map", (0.9 + 2.0 * (side + 0.2), bottom, side, side))
         show_raster(axes, raster, texture_colours(raster, pattern))
         _finish_map(axes, data)

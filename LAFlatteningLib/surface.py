@@ -20,6 +20,9 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Array = NDArray
 
+AXES_FIELD, UNKNOWN = "patient_axes", "unknown"
+"""Field array of surfaces whose coordinates are not the patient's axes, and what it holds. It travels with them."""
+
 
 @dataclass(frozen=True, eq=False)
 class Surface:
@@ -31,7 +34,8 @@ class Surface:
     triangles : (m, 3) int64 point ids, counter-clockwise seen from outside.
     point_data, cell_data : arrays by name; first axis n, or m.
     field_data : arrays by name, of any length: numbers, or strings as an object array.
-    space : "LPS" or "RAS", the patient axes of `points`.
+    space : "LPS" or "RAS", the patient axes of `points`; or, where these are not the patient's (`axes_known`), only
+        what files and 3D Slicer take them for.
 
     Everything else is derived and cached; the arrays are read-only, and a changed surface is a new object
     (`with_triangles`, `submesh`).
@@ -207,6 +211,16 @@ class Surface:
         return np.array([1.0, 1.0, 1.0]) if self.space == "LPS" else np.array([-1.0, -1.0, 1.0])
 
     @property
+    def axes_known(self) -> bool:
+        """Whether the coordinates are the patient's axes, as far as is known."""
+        return UNKNOWN not in np.asarray(self.field_data.get(AXES_FIELD, ()), dtype=object).reshape(-1).tolist()
+
+    @property
+    def axes_name(self) -> str:
+        """The patient axes of `points` for people and reports: "LPS", "RAS" or "unknown"."""
+        return self.space if self.axes_known else UNKNOWN
+
+    @property
     def capped(self) -> tuple[FloatArray, IntArray]:
         """Points and triangles of the surface with each opening covered by a fan to the centre of its rim; the
         centres come after the points of the surface, the fans after its triangles."""
@@ -227,6 +241,17 @@ class Surface:
         return float(np.linalg.norm(self.points[loop] - self.points[np.roll(loop, -1)], axis=1).sum())
 
     # ---- changed copies -------------------------------------------------------------------------------------
+
+    def with_unknown_axes(self) -> Surface:
+        """The same surface, marked as one whose coordinates are not the patient's axes."""
+        if not self.axes_known:
+            return self
+        return self.with_data(field_data={AXES_FIELD: np.array([UNKNOWN], dtype=object)})
+
+    def with_space(self, space: str) -> Surface:
+        """The same coordinates as those in "LPS" or "RAS", whatever was said of them before."""
+        kept = {name: values for name, values in self.field_data.items() if name != AXES_FIELD}
+        return replace(self, field_data=kept, space=space)
 
     def with_triangles(self, triangles: IntArray) -> Surface:
         """The same points and data with other triangles, as many and in the same order (flipped, reversed)."""

@@ -13,6 +13,7 @@ from vtk.util.numpy_support import numpy_to_vtk
 from LAFlatteningLib import MapData
 from LAFlatteningLib.gaps.quantification import Encirclement, FoundGap, GapReport
 from LAFlatteningLib.projection import outward_normals
+from LAFlatteningLib.surface import UNKNOWN
 
 from .map_nodes import groupNodes, onMap, settingsOf
 from .result_nodes import addResult, removeResults, tableResult
@@ -60,7 +61,7 @@ def gapListColumns(report: GapReport) -> dict[str, list[str] | np.ndarray]:
         "Place": [gap.where for _, _, _, gap in rows],
     }
     places = np.array([gap.place_mm for _, _, _, gap in rows]).reshape(-1, 3)
-    for k, axis in enumerate("RAS"):
+    for k, axis in enumerate("xyz" if report.space == UNKNOWN else "RAS"):
         columns[f"{axis} (mm)"] = places[:, k].copy()
     return columns
 

@@ -12,6 +12,7 @@ from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 
 from LAFlatteningLib import MapData, Parcellation, Surface, SurfaceError
 from LAFlatteningLib.flattening.flat_map import POINT_ID_ARRAY, REGION_ARRAY
+from LAFlatteningLib.map_data import seeds_in
 from LAFlatteningLib.projection import Projection
 from LAFlatteningLib.quantities import measured, unit_of
 
@@ -62,7 +63,10 @@ def mapDataOf(mapNode: ModelNode | None) -> MapData:
         _field(surfaceNode.GetPolyData()),
         space="RAS",
     )
-    return MapData(surface, flat + np.asarray(template.outer.shape.centre), template)
+    if not settings.checkAxes:
+        surface = surface.with_unknown_axes()
+    seeds = seeds_in(_field(polydata))
+    return MapData(surface, flat + np.asarray(template.outer.shape.centre), template, seeds=seeds)
 
 
 def stateOf(mapNode: ModelNode | None, array: str) -> str:
@@ -92,7 +96,7 @@ def writeHow(polydata: vtk.vtkPolyData, array: str, found: Projection) -> None:
 
 
 def _field(polydata: vtk.vtkPolyData) -> dict[str, np.ndarray]:
-    """The field data of an atrium."""
+    """The field data of an atrium, or of a map."""
     return dict(Surface.from_polydata(polydata, "RAS").field_data)
 
 

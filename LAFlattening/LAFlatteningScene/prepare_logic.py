@@ -331,7 +331,7 @@ class PrepareLogic:
         given = _given(inputNode)
         key = _keyOf(inputNode, choice) if inputNode is not None else ()
         report(progress, 0.0, "Reading the atrium")
-        raw, notes = rawSurface(inputNode, choice.structure, part(progress, 0.0, 0.2))
+        raw, notes = rawSurface(inputNode, choice.structure, part(progress, 0.0, 0.2), choice.checkAxes)
         prepared = Preparation(raw, repairs=notes)
         try:
             prepare(raw, choice.settings(), planes=given, into=prepared, progress=part(progress, 0.2, 1.0))
@@ -374,7 +374,7 @@ class PrepareLogic:
     ) -> Preparation:
         """The atrium cut in planes of the user only."""
         report(action.progress, 0.0, "Reading the atrium")
-        raw, notes = rawSurface(inputNode, choice.structure, part(action.progress, 0.0, 0.2))
+        raw, notes = rawSurface(inputNode, choice.structure, part(action.progress, 0.0, 0.2), choice.checkAxes)
         prepared = Preparation(raw, repairs=notes)
         return prepare(raw, choice.settings(), planes=planes, into=prepared, progress=part(action.progress, 0.2, 1.0))
 

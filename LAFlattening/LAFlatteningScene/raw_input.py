@@ -61,13 +61,14 @@ def versionOf(node: RawNode, structure: str = "") -> tuple[object, ...]:
 
 
 def rawSurface(
-    node: RawNode | None, structure: str = "", progress: ProgressCallback | None = None
+    node: RawNode | None, structure: str = "", progress: ProgressCallback | None = None, axesKnown: bool = True
 ) -> tuple[Surface, list[str]]:
     """The surface of an atrium as the scene has it, RAS, mm, world, with all arrays; and what is to be said about it.
 
     Parameters
     ----------
     structure : id of a segment, or value of a label; may be empty where there is only one.
+    axesKnown : whether the axes of the scene are the patient's, so that notes may go by them.
 
     Raises
     ------
@@ -81,7 +82,7 @@ def rawSurface(
     if isinstance(node, slicer.vtkMRMLModelNode):
         return _modelSurface(node.GetPolyData(), node), []
     if isinstance(node, slicer.vtkMRMLSegmentationNode):
-        return _segmentSurface(node, _chosen(node, structure), progress)
+        return _segmentSurface(node, _chosen(node, structure), progress, axesKnown)
     if node.GetImageData() is None:
         raise SurfaceError(
             f'The label map "{node.GetName()}" has no voxels. Expected the segmentation of a left atrium.'
@@ -89,7 +90,7 @@ def rawSurface(
     matrix = vtk.vtkMatrix4x4()
     node.GetIJKToRASMatrix(matrix)
     label = int(structure) if structure else None
-    return _labelSurface(node.GetImageData(), matrix, node, label, progress)
+    return _labelSurface(node.GetImageData(), matrix, node, label, progress, axesKnown)
 
 
 def _labelName(node: slicer.vtkMRMLLabelMapVolumeNode, value: int) -> str:
@@ -124,7 +125,7 @@ def _modelSurface(polydata: vtk.vtkPolyData | None, node: slicer.vtkMRMLTransfor
 
 
 def _segmentSurface(
-    node: slicer.vtkMRMLSegmentationNode, key: str, progress: ProgressCallback | None
+    node: slicer.vtkMRMLSegmentationNode, key: str, progress: ProgressCallback | None, axesKnown: bool
 ) -> tuple[Surface, list[str]]:
     segmentation = node.GetSegmentation()
     name = segmentation.GetSegment(key).GetName()
@@ -142,7 +143,7 @@ def _segmentSurface(
     if image.GetNumberOfPoints() == 0 or image.GetPointData().GetScalars() is None:
         raise SurfaceError(f'The segment "{name}" is empty. Expected a left atrium; choose another segment.')
     image.GetImageToWorldMatrix(matrix)
-    return _labelSurface(image, matrix, node, None, progress)
+    return _labelSurface(image, matrix, node, None, progress, axesKnown)
 
 
 def _labelSurface(
@@ -151,9 +152,11 @@ def _labelSurface(
     node: slicer.vtkMRMLTransformableNode,
     label: int | None,
     progress: ProgressCallback | None,
+    axesKnown: bool,
 ) -> tuple[Surface, list[str]]:
     """The surface of a label of an image whose indices become RAS by a matrix."""
-    found = denoised_label_surface(imageVolume(image, slicer.util.arrayFromVTKMatrix(toRas)), label, progress)
+    volume = imageVolume(image, slicer.util.arrayFromVTKMatrix(toRas))
+    found = denoised_label_surface(volume, label, progress, axesKnown)
     points = vtk.vtkPoints()
     points.SetDataTypeToDouble()
     points.SetData(numpy_to_vtk(found.surface.points * LPS_TO_RAS, deep=True))

@@ -63,8 +63,8 @@ def transformed(points: vtk.vtkPoints, transform: vtk.vtkAbstractTransform) -> n
 def surfaceOf(modelNode: slicer.vtkMRMLModelNode | None) -> Surface:
     """The geometry of a model node as a surface of the library, RAS, mm, world; nothing is shared with the node.
 
-    It carries the array ``hole`` that marks covers, where there is one, and the number of each triangle; the other
-    arrays are taken from the node when a map is written, as they are then.
+    It carries the array ``hole`` that marks covers, where there is one, the number of each triangle, and that its axes
+    are unknown, where it says so; the other arrays are taken from the node when a map is written, as they are then.
 
     Raises
     ------
@@ -83,13 +83,15 @@ def surfaceOf(modelNode: slicer.vtkMRMLModelNode | None) -> Surface:
     bare.SetStrips(polydata.GetStrips())
     checked = Surface.from_polydata(bare, "RAS")
     hole = polydata.GetPointData().GetArray(HOLE_ARRAY)
-    return Surface(
+    surface = Surface(
         worldPoints(modelNode),
         checked.triangles.copy(),
         {} if hole is None else {HOLE_ARRAY: vtk_to_numpy(hole).copy()},
         {CELL_ID_ARRAY: np.arange(len(checked.triangles))},
         space="RAS",
     )
+    bare.SetFieldData(polydata.GetFieldData())
+    return surface if Surface.from_polydata(bare, "RAS").axes_known else surface.with_unknown_axes()
 
 
 def sameGeometry(a: Surface, b: Surface) -> bool:

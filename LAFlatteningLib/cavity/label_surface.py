@@ -89,7 +89,9 @@ class LabelSurface:
         return self.surface.area / 100.0
 
 
-def label_surface(volume: Volume, label: int | None = None, progress: ProgressCallback | None = None) -> LabelSurface:
+def label_surface(
+    volume: Volume, label: int | None = None, progress: ProgressCallback | None = None, axes_known: bool = True
+) -> LabelSurface:
     """The surface of a label in a label map of the left atrium.
 
     The largest piece is kept; islands are dropped and cavities inside filled, with a note. A label that touches the
@@ -99,6 +101,7 @@ def label_surface(volume: Volume, label: int | None = None, progress: ProgressCa
     ----------
     volume : a label map: whole numbers, 0 outside.
     label : its value; None for the only one there is.
+    axes_known : whether the axes of the image are the patient's, so that notes may go by them.
 
     Raises
     ------
@@ -118,7 +121,7 @@ def label_surface(volume: Volume, label: int | None = None, progress: ProgressCa
     report(progress, 0.2, "Separating the largest piece")
     mask, island_notes = _largest_piece(mask, volume)
     mask, hollow_notes = _filled(mask, volume)
-    notes = island_notes + hollow_notes + _border_notes(mask, corner, volume)
+    notes = island_notes + hollow_notes + _border_notes(mask, corner, volume, axes_known)
     _check_volume(mask.sum() * volume.voxel_volume / 1000.0)
     report(progress, 0.4, "Triangulating the boundary")
     mesh = _boundary(mask)
@@ -214,8 +217,8 @@ def _counted(voxels: NDArray) -> tuple[NDArray, NDArray[np.int64]]:
     return np.unique(voxels[voxels != 0], return_counts=True)
 
 
-def _border_notes(mask: NDArray[np.bool_], corner: FloatArray, volume: Volume) -> list[str]:
-    """Which sides of the image the label touches, in the patient's directions."""
+def _border_notes(mask: NDArray[np.bool_], corner: FloatArray, volume: Volume, axes_known: bool) -> list[str]:
+    """Which sides of the image the label touches, in the patient's directions if the image knows them."""
     names = []
     for axis in range(3):
         ends = np.moveaxis(mask, 2 - axis, 0)
@@ -228,9 +231,9 @@ def _border_notes(mask: NDArray[np.bool_], corner: FloatArray, volume: Volume) -
             names.append(_SIDES[patient][int(along[patient] > 0)])
     if not names:
         return []
+    which = f"{' and the '.join(names)} border" if axes_known else f"border{'s' * (len(names) > 1)}"
     return [
-        f"The label reaches the {' and the '.join(names)} border of the image and was closed there by a flat face; "
-        "the atrium may be cut off."
+        f"The label reaches the {which} of the image and was closed there by a flat face; the atrium may be cut off."
     ]
 
 
@@ -381,19 +384,21 @@ NOISY_HANDLES = 4
 
 
 def denoised_label_surface(
-    volume: Volume, label: int | None = None, progress: ProgressCallback | None = None
+    volume: Volume, label: int | None = None, progress: ProgressCallback | None = None, axes_known: bool = True
 ) -> LabelSurface:
     """As `label_surface`, but a label with `NOISY_HANDLES` or more is smoothed first: the majority of 27 voxels.
 
     Handles of noise are thinner than a voxel is wide and cannot be cut one by one. A label with fewer stays as it is,
     so that places where veins touch are cut and told one by one (`handles.remove_handles`).
     """
-    made = label_surface(volume, label, progress)
+    made = label_surface(volume, label, progress, axes_known)
     if made.surface.genus < NOISY_HANDLES:
         return made
     chosen = volume.values != 0 if label is None else volume.values == label
     majority = ndimage.uniform_filter(chosen.astype(np.float32), 3) > 0.5
-    smooth = label_surface(Volume(majority.astype(np.uint8), volume.spacing, volume.origin, volume.direction))
+    smooth = label_surface(
+        Volume(majority.astype(np.uint8), volume.spacing, volume.origin, volume.direction), axes_known=axes_known
+    )
     note = (
         f"The label is ragged (its surface would have {made.surface.genus} handles): each voxel took the value of most "
         "of the 27 about it."

@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import InputFileError
 from ..files.access import PathLike, input_suffix, unreadable
 from ..schema import load_json
+from ..surface import UNKNOWN
 from .clipping import CutPlane
 
 _TURN = np.array([-1.0, -1.0, 1.0])
@@ -19,7 +20,8 @@ def read_planes(path: PathLike, space: str = "LPS") -> dict[str, CutPlane]:
     """Read planes by the name of their opening.
 
     The file holds ``"planes": {name: {"centre_mm": [x, y, z], "normal": [x, y, z]}}`` and, if the axes are not LPS,
-    ``"space": "RAS"``; the normal points out of the chamber. Other entries, as in ``prepare.json``, are left out.
+    ``"space": "RAS"``, or "unknown" for those of the surface; the normal points out of the chamber. Other entries, as
+    in ``prepare.json``, are left out.
 
     Parameters
     ----------
@@ -36,9 +38,9 @@ def read_planes(path: PathLike, space: str = "LPS") -> dict[str, CutPlane]:
     if not isinstance(planes, dict) or not planes:
         raise unreadable(path, 'it has no "planes"')
     found = document.get("space", "LPS")
-    if found not in ("LPS", "RAS"):
-        raise InputFileError(f'"{path}", space: expected "LPS" or "RAS", found {found!r:.40}.')
-    turn = np.ones(3) if found == space else _TURN
+    if found not in ("LPS", "RAS", UNKNOWN):
+        raise InputFileError(f'"{path}", space: expected "LPS", "RAS" or "{UNKNOWN}", found {found!r:.40}.')
+    turn = np.ones(3) if found in (space, UNKNOWN) else _TURN
     return {
         name: CutPlane(
             turn * _vector(path, name, "centre_mm", plane), turn * _vector(path, name, "normal", plane, zero=False)

@@ -122,7 +122,7 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
         text = json.dumps(found.to_dict(), indent=2) + "\n"
         files.enter_context(atomic_write(options.output)).write_text(text, encoding="utf-8")
     progress.clear()
-    _report(found)
+    _report(found, on_atrium(atrium)[0].axes_known)
     print("Wrote " + ", ".join(outputs))
 
 
@@ -155,15 +155,15 @@ def _blood_pool(options: argparse.Namespace, surface: Surface, volume: Volume | 
     return find_blood_pool(surface, volume)
 
 
-def _report(found: Fibrosis) -> None:
+def _report(found: Fibrosis, axes_known: bool) -> None:
     for note in found.notes:
         print(f"Note: {note}")
     if found.blood_pool is not None:
         pool = found.blood_pool
         where = ""
         if pool.centre_mm is not None:
-            place = ", ".join(f"{x:.0f}" for x in pool.centre_mm)
-            where = f"; {pool.voxels} voxels, {pool.volume_ml:.1f} ml about ({place}) mm LPS"
+            place, axes = ", ".join(f"{x:.0f}" for x in pool.centre_mm), " LPS" if axes_known else ""
+            where = f"; {pool.voxels} voxels, {pool.volume_ml:.1f} ml about ({place}) mm{axes}"
         print(f"blood pool: mean {pool.mean:.4g}, SD {pool.sd:.4g} ({pool.how}{where})")
     if found.sampled_mm is not None:
         print(f"image sampled every {found.sampled_mm:.2f} mm along the wall")

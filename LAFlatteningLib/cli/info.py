@@ -42,7 +42,8 @@ def run(options: argparse.Namespace, progress: Progress) -> None:
         print(f"units: probably {guess[0]}" + ("" if guess[0] == "mm" else f"; multiply by {guess[1]:g} to get mm"))
     else:
         print("units: unclear; a left atrium is about 100 mm across")
-    print(f"patient axes: {surface.space} (as the file says; LPS if it says nothing)")
+    said = "as the file says; LPS if it says nothing" if surface.axes_known else "so it was said, and the file keeps it"
+    print(f"patient axes: {surface.axes_name} ({said})")
     print(f"pieces: {surface.component_count}")
     print(f"triangles all turned the same way: {'yes' if surface.is_oriented else 'no'}")
     if surface.is_manifold and not surface.is_oriented:

@@ -83,7 +83,11 @@ def add_input_options(sub: argparse.ArgumentParser) -> None:
         type=str.upper,
         help="axes of the coordinates of a surface, whatever its file says; CARTO: to the left, the head, the front",
     )
-    sub.add_argument("--ignore-axes", action="store_true", help="the coordinates are in unknown axes")
+    sub.add_argument(
+        "--ignore-axes",
+        action="store_true",
+        help="the coordinates are in unknown axes; the files say so, and later commands go by it",
+    )
 
 
 def settings_of(options: argparse.Namespace, is_label_map: bool) -> PrepareSettings:
@@ -107,10 +111,12 @@ def settings_of(options: argparse.Namespace, is_label_map: bool) -> PrepareSetti
 
 def read_input(options: argparse.Namespace, progress: ProgressCallback | None) -> tuple[Surface, list[str], bool]:
     """The surface of the input, notes on how it was made, and whether the input is a label map."""
+    if options.axes and options.ignore_axes:
+        raise InputFileError("--axes names the axes, --ignore-axes says that they are unknown: leave one of them out.")
     if Path(options.input).name.lower().endswith(VOLUME_SUFFIXES):
         if options.axes:
             raise InputFileError("--axes is for surfaces: a label map says in which axes it is. Leave it out.")
-        made = denoised_label_surface(read_volume(options.input), options.label, progress)
+        made = denoised_label_surface(read_volume(options.input), options.label, progress, not options.ignore_axes)
         return made.surface, list(made.notes), True
     if options.label is not None:
         raise InputFileError("--label chooses a value of a label map, but the input is a surface: leave it out.")
@@ -192,7 +198,10 @@ def report_preparation(preparation: Preparation) -> None:
                 else preparation.cavity.loop_length(rim)
             )
             place = ", ".join(f"{x:.1f}" for x in opening.plane.centre)
-            print(f"{name}: {opening.found_by}, {length:.1f} mm round at ({place}) mm {preparation.raw.space}")
+            axes = f" {preparation.raw.space}" if preparation.raw.axes_known else ""
+            print(f"{name}: {opening.found_by}, {length:.1f} mm round at ({place}) mm{axes}")
+        if not preparation.raw.axes_known:
+            print("patient axes: unknown; coordinates are those of the file")
         print(f"names: confidence {preparation.plan.confidence}")
     if preparation.cavity:
         print(f"cavity: {len(preparation.cavity.points)} points, {preparation.cavity.area / 100:.1f} cm2")

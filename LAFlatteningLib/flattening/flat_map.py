@@ -18,6 +18,7 @@ from ..seeds import SnappedSeeds
 from ..solvers import solver_name
 from ..surface import FloatArray, IntArray, Surface
 from ..template import Template
+from ..views import PatientFrame
 
 USUAL_DILATATION = 20.0
 """A 99th percentile of the dilatation above this makes a note: on real atria with good seeds it is 4 to 10."""
@@ -126,9 +127,24 @@ class FlatMap:
         return distortion.summary(self.surface.points, self.triangles, self.points)
 
     @cached_property
+    def frame(self) -> PatientFrame:
+        """The patient's directions; estimated where the axes of the surface are not known."""
+        return PatientFrame.of(self.surface, self.seeds.positions, self.template.anatomy)
+
+    @cached_property
     def notes(self) -> tuple[str, ...]:
         """What was mended in the input, and what to look at on the map before trusting it."""
         notes = [*self.cavity.notes, *self.division.notes]
+        if not self.surface.axes_known:
+            notes.append(
+                "The axes of the file are unknown: "
+                + (
+                    "figures state no directions of the patient. "
+                    if self.frame.axes is None
+                    else "the patient's directions in figures are estimated from the seeds, to about 20 degrees. "
+                )
+                + "Coordinates are those of the file."
+            )
         if len(self.folded_triangles):
             notes.append(
                 f"{len(self.folded_triangles)} triangles are folded, as is usual for the method {self.method}; "

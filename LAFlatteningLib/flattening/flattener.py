@@ -51,7 +51,8 @@ class Flattener:
     template : a template, the name of a built-in one, or the path of a template file.
     method : "regional" or "paper".
     rounding : of the sub-contour rule, for the method "paper": see `subcontours.ROUNDINGS`.
-    check_axes : whether seeds that contradict the patient axes of the surface are refused.
+    check_axes : whether seeds that contradict the patient axes of the surface are refused. If not, its axes are taken
+        for unknown, as where the surface says so itself (`Surface.axes_known`).
 
     Examples
     --------
@@ -74,7 +75,7 @@ class Flattener:
             raise ValueError(f'Expected method {" or ".join(METHODS)}; found "{method}".')
         if rounding not in ROUNDINGS:
             raise ValueError(f'Expected rounding {", ".join(ROUNDINGS)}; found "{rounding}".')
-        self.surface = surface
+        self.surface = surface if check_axes else surface.with_unknown_axes()
         self.template = template if isinstance(template, Template) else Template.load(template)
         self.method = method
         self.rounding = rounding

@@ -107,7 +107,7 @@ class GapReport:
 
     Attributes
     ----------
-    array, space : the array that scar was read from; patient axes of positions.
+    array, space : the array that scar was read from; patient axes of positions, or "unknown".
     direction : "above": scar is where the array reaches a threshold; "below": where it is less, as for voltage.
     thresholds : increasing.
     search, segments : names of the parcellations: search areas, and segments by which places are named.
@@ -269,7 +269,7 @@ def find_gaps(
         notes.append(f"Left out: {words}")
     return GapReport(
         array,
-        data.surface.space,
+        data.surface.axes_name,
         direction,
         levels,
         describe_search(search),

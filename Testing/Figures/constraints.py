@@ -17,8 +17,8 @@ from LAFlatteningLib.constraints import constraints_by_count
 from LAFlatteningLib.division import Division, divide_as_published
 from LAFlatteningLib.seed_paths import SeedPaths, WaysOverCovers, connect_seeds
 from LAFlatteningLib.seeds import snap_seeds
-from LAFlatteningLib.shading import View, standard_view
 from LAFlatteningLib.solvers import published_least_squares
+from LAFlatteningLib.views import PatientFrame, View
 
 OPENING = "RSPV"
 COLOURS = {"as the seeds give them": "#222222", "equal spacing": "#d40000", "half-way (the rule)": "#e0a800"}
@@ -139,5 +139,5 @@ def _facing(surface: Surface, loop: np.ndarray) -> View:
     towards /= np.linalg.norm(towards)
     right = np.cross([0.0, 0.0, 1.0], towards)
     right /= np.linalg.norm(right)
-    plain = standard_view("posterior", surface.space)
+    plain = PatientFrame.of_space(surface.space).view("posterior")
     return View("oblique", plain.right, plain.up, plain.towards, np.stack([right, np.cross(towards, right), towards]))

@@ -12,7 +12,8 @@ from pictures import PATH, RIM, Drawn, page, panel, scale_bar, show_atrium, show
 
 from LAFlatteningLib import make_phantom
 from LAFlatteningLib.division import label_regions
-from LAFlatteningLib.shading import REGION_COLOURS, region_paint, standard_view
+from LAFlatteningLib.shading import REGION_COLOURS, region_paint
+from LAFlatteningLib.views import PatientFrame
 
 
 def draw(atrium: Atrium) -> Drawn:
@@ -27,11 +28,11 @@ def draw(atrium: Atrium) -> Drawn:
     if raw:
         # Only of the phantom is the atrium before it was cut at hand for certain.
         axes = panel(figure, places.pop(0), "1  Atrium as segmented, from behind")
-        show_atrium(axes, make_phantom(20000, closed=True).surface, standard_view("posterior", "LPS"))
+        show_atrium(axes, make_phantom(20000, closed=True).surface, PatientFrame.of_space("LPS").view("posterior"))
         scale_bar(axes)
     for step, (name, words) in enumerate((("posterior", "from behind"), ("anterior", "from the front"))):
         axes = panel(figure, places[step], f"2  Cavity and regions, {words}")
-        view = standard_view(name, surface.space)
+        view = PatientFrame.of_space(surface.space).view(name)
         raster = show_atrium(axes, surface, view, paint)
         for ids in flat_map.division.paths.values():
             show_line(axes, raster, surface, view, ids, PATH, 1.2)

@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 
 from LAFlatteningLib import FlatMap, Surface
 from LAFlatteningLib.page import draw_line, rasterise_map, show_raster
-from LAFlatteningLib.shading import Paint, Raster, View, rasterise, shade
+from LAFlatteningLib.shading import Paint, Raster, rasterise, shade
+from LAFlatteningLib.views import View
 
 INK, PATH, RIM, FOLD = "#1a1a1a", "#111111", "#00b8a9", "#d40000"
 WALL, INSIDE = np.array([0.86, 0.80, 0.76]), np.array([0.42, 0.40, 0.40])

@@ -1,6 +1,7 @@
 """What is read off a map through the Logic is what the library finds, whatever transforms lie above the nodes."""
 
 import csv
+import json
 import tempfile
 import unittest
 from pathlib import Path
@@ -11,7 +12,9 @@ import vtk
 from analysis_case import AnalysisCase, addVolume, column, lgeVolume
 from LAFlatteningScene.analysis_logic import ProjectionChoice, thresholdsFrom
 from LAFlatteningScene.class_colours import classColours
+from LAFlatteningScene.export import mapSurface
 from LAFlatteningScene.fibrosis_nodes import classArrayOf
+from LAFlatteningScene.map_reading import mapDataOf
 from LAFlatteningScene.result_nodes import KIND, ON_MAP, resultsOf
 from logic_case import (
     POINTS,
@@ -294,6 +297,21 @@ class GapTest(AnalysisCase):
         np.testing.assert_allclose(column(table, "Gap length"), [ring.gap_length_mm for ring in rings], atol=0.05)
         np.testing.assert_allclose(column(table, "RGM"), [ring.rgm for ring in rings], atol=1e-3)
         self.assertEqual(column(table, "Gaps"), [len(ring.gaps) for ring in rings])
+
+    def test_axesThatAreNotThePatientsAreNotNamed(self):
+        def columnsOf(mapNode):
+            self.logic.findGaps(mapNode, "LGE", [120.0])
+            table = self.logic.gapListTable(mapNode).GetTable()
+            return {table.GetColumnName(k) for k in range(table.GetNumberOfColumns())}
+
+        self.assertLessEqual({"R (mm)", "A (mm)", "S (mm)"}, columnsOf(self.map))
+        self.assertFalse(self.map.GetPolyData().GetFieldData().HasArray("patient_axes"))
+        unknown = self.logic.flatten(self.surface, self.seeds, checkAxes=False)
+        self.assertLessEqual({"x (mm)", "y (mm)", "z (mm)"}, columnsOf(unknown))
+        self.assertFalse(mapDataOf(unknown).surface.axes_known)
+        self.assertIn("estimated from the seeds", mapDataOf(unknown).frame.fact)
+        self.assertFalse(mapSurface(unknown).axes_known)
+        self.assertTrue(any("axes" in note for note in json.loads(unknown.GetAttribute("LAFlattening.notes"))))
 
     def test_curvesLieOnAtriumAndMap(self):
         self.logic.findGaps(self.map, "LGE", [120.0])

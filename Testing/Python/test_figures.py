@@ -23,6 +23,7 @@ from LAFlatteningLib.flattening.flat_map import FlatMap
 from LAFlatteningLib.flattening.flattener import Flattener, flatten
 from LAFlatteningLib.phantom import Phantom, make_phantom
 from LAFlatteningLib.surface import Surface
+from LAFlatteningLib.views import PatientFrame
 
 pytest.importorskip("matplotlib", reason="figures need matplotlib")
 from matplotlib import colormaps
@@ -215,7 +216,7 @@ def test_views_are_those_of_a_patient_seen_from_behind_and_from_the_front() -> N
     seeds = make_phantom(500).seeds
     for space, sign in (("LPS", [1, 1, 1]), ("RAS", [-1, -1, 1])):
         for name, left_is in (("posterior", -1), ("anterior", 1)):
-            page = {k: shading.standard_view(name, space).project(p * np.array(sign)) for k, p in seeds.items()}
+            page = {k: PatientFrame.of_space(space).view(name).project(p * np.array(sign)) for k, p in seeds.items()}
             for side in ("S", "I"):
                 assert np.sign(page[f"L{side}PV"][0] - page[f"R{side}PV"][0]) == left_is
             for side in ("L", "R"):
@@ -253,14 +254,14 @@ def test_atrium_is_seen_as_big_as_it_is(flat_map: FlatMap, regions_page: Page) -
         ink = (regions_page.at(name, grid) < 250).any(axis=1)
         seen = ink.mean() * np.ptp(axes.get_xlim()) * np.ptp(axes.get_ylim())
         # The convex hull of the projection is an upper bound; veins and text are small.
-        page = shading.standard_view(name, "LPS").project(flat_map.surface.points)[:, :2]
+        page = PatientFrame.of_space("LPS").view(name).project(flat_map.surface.points)[:, :2]
         assert 0.9 < seen / ConvexHull(page).volume < 1.15
 
 
 def test_openings_show_the_inside_of_the_wall(flat_map: FlatMap, regions_page: Page) -> None:
     """The middle of the valve, seen from the front, is dark grey whatever the colours outside."""
     rim = flat_map.division.surface.points[flat_map.division.loops["MV"]]
-    middle = shading.standard_view("anterior", "LPS").project(rim)[:, :2].mean(axis=0)
+    middle = PatientFrame.of_space("LPS").view("anterior").project(rim)[:, :2].mean(axis=0)
     patch = regions_page.patch("anterior", middle, 2.0)
     assert (np.ptp(patch, axis=1) < 20).all() and (patch < 170).all()
 

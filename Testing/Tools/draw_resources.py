@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 
 from LAFlatteningLib import Phantom, Template, make_phantom
-from LAFlatteningLib.shading import REGION_COLOURS, View, array_paint, rasterise, shade, standard_view
+from LAFlatteningLib.shading import REGION_COLOURS, array_paint, rasterise, shade
+from LAFlatteningLib.views import PatientFrame, View
 
 RESOURCES = Path(__file__).resolve().parents[2] / "LAFlattening" / "Resources"
 POINTS = 8000
@@ -92,7 +93,7 @@ def draw_diagram(phantom: Phantom, template: Template, seed: str | None) -> Figu
     figure = page(DIAGRAM_PIXELS)
     anatomy = template.anatomy
     name = SEEN_FROM.get(anatomy.opening_of(seed), "anterior") if seed else "posterior"
-    view = standard_view(name, phantom.surface.space)
+    view = PatientFrame.of_space(phantom.surface.space).view(name)
     atrium, disk = frame(figure, (0.0, 0.0, 0.5, 0.93)), frame(figure, (0.5, 0.0, 0.5, 0.93))
     draw_atrium(atrium, phantom, view, 2 * DIAGRAM_PIXELS[1])
     draw_template(disk, template, 0.7, 0.2)
@@ -125,7 +126,7 @@ def main() -> None:
     icon = page((ICON_PIXELS, ICON_PIXELS))
     draw_template(frame(icon, (0.0, 0.0, 1.0, 1.0)), template, 1.4, 0.04)
     thumbnail = page(THUMBNAIL_PIXELS)
-    view = standard_view("posterior", phantom.surface.space)
+    view = PatientFrame.of_space(phantom.surface.space).view("posterior")
     draw_atrium(frame(thumbnail, (0.0, 0.0, 1.0, 1.0)), phantom, view, 2 * THUMBNAIL_PIXELS[1], "LGE")
     pictures = {"Icons/LAFlattening.png": icon, "Icons/LeftAtriumSynthetic.png": thumbnail}
     for seed in (*template.anatomy.seeds, None):
