@@ -106,8 +106,8 @@ class LAFlatteningParameterNode:
     exportDirectory : where files are written; "." until one is chosen.
     """
 
-    # Slicer knows this notation of a union only.
-    prepareInput: Union[vtkMRMLModelNode, vtkMRMLSegmentationNode, vtkMRMLLabelMapVolumeNode]  # noqa: UP007
+    # Slicer knows this notation of a union only, and takes None in one only if the union says so, after the nodes.
+    prepareInput: Union[vtkMRMLModelNode, vtkMRMLSegmentationNode, vtkMRMLLabelMapVolumeNode, None]  # noqa: UP007
     prepareStructure: str = ""
     pvLength: Annotated[float, WithinRange(0.0, 20.0)] = KEEP_MM
     laaLength: Annotated[float, WithinRange(0.0, 20.0)] = KEEP_MM
@@ -138,7 +138,7 @@ class LAFlatteningParameterNode:
     rule: Annotated[str, Choice(RULES)] = "iir"
     ruleThresholds: str = DEFAULT_THRESHOLDS["iir"]
     ruleDirection: Annotated[str, Choice(DIRECTIONS)] = "above"
-    bloodRegion: Union[vtkMRMLLabelMapVolumeNode, vtkMRMLSegmentationNode]  # noqa: UP007
+    bloodRegion: Union[vtkMRMLLabelMapVolumeNode, vtkMRMLSegmentationNode, None]  # noqa: UP007
     parcellation: Annotated[str, Choice(("none", *builtin_parcellations()))] = "none"
     parcellationFile: Path
     gapThresholds: str = ""

@@ -103,6 +103,8 @@ def _set_property(self, prop, value) -> None:
         raise AttributeError(f"{type(self).__name__}.{name} cannot be set")
     if prop.typeName() == "bool":
         value = bool(value)
+    elif prop.typeName() == "QStringList" and isinstance(value, tuple):
+        value = list(value)
     if not self.setProperty(name, value):
         setter = getattr(self, f"set{name[0].upper()}{name[1:]}", None)
         if setter is None:

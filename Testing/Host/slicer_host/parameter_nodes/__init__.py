@@ -1,8 +1,8 @@
 """Typed parameter nodes, published as ``slicer.parameterNodeWrapper``.
 
-The behaviour that Slicer documents, for the types a module of this size uses: int, float, bool, str, paths, enums, MRML
-nodes (one class or a union), and lists, tuples and dicts of plain values. A type or annotation not known is refused.
-Values are stored in the vtkMRMLScriptedModuleNode in the form in which Slicer stores them.
+The behaviour of Slicer's own, for the types a module of this size uses: int, float, bool, str, paths, enums and MRML
+nodes (one class or a union). A type or annotation not known is refused. Values are stored in the
+vtkMRMLScriptedModuleNode in the form in which Slicer stores them.
 """
 
 from .connectors import Decimals, GuiConnector, SingleStep, createGuiConnector, parameterNodeGuiConnector

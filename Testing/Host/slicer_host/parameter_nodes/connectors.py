@@ -211,7 +211,7 @@ _BINDINGS = (
     _ItemsBinding("QComboBox ctkComboBox", lambda kind: kind in (int, float, str, bool) or _is_enum(kind),
                   "currentIndexChanged", "currentIndex", _ItemsBinding.fill),
     _Binding("QLineEdit", _is(str), "textChanged", "text"),
-    _TextBinding("QTextEdit QPlainTextEdit", _is(str), "textChanged", ""),
+    _TextBinding("QTextEdit", _is(str), "textChanged", ""),
     _LabelBinding("QLabel", _is(str), "", "text"),
     _PathBinding("ctkPathLineEdit", _is(*storage.PATHS), "currentPathChanged", "currentPath"),
     _PathBinding("ctkDirectoryButton", _is(*storage.PATHS), "directoryChanged", "directory"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import enum
 import pathlib
 import types
@@ -69,39 +68,40 @@ class _NodeStorage(Storage):
         node.SetNodeReferenceID(name, value.GetID() if value is not None else None)
 
 
-class _OptionalNodeStorage(_NodeStorage):
-    """A union of node classes. Slicer stores each member of a union under a role of its own."""
+class _UnionStorage(Storage):
+    """A union of node classes and, if it says so, None.
 
-    def __init__(self, kinds: tuple[type, ...]):
-        super().__init__(slicer.vtkMRMLNode, None, [IsInstance(kinds)])
-        self._kinds = kinds
+    Slicer keeps each member under a name of its own, ``name.0`` and so on, and only the one that was set last. Without
+    None in the union there is no way to write None, which is the default too: such a parameter cannot even be made.
+    """
+
+    def __init__(self, members: tuple[type, ...]):
+        super().__init__(slicer.vtkMRMLNode, None, [])
+        self._members = members
 
     def is_in(self, node, name: str) -> bool:
-        return any(node.HasParameter(role) for role in self._roles(name)) or bool(node.HasParameter(name))
+        return self._present(node, name) is not None
 
     def read(self, node, name: str):
-        found = (node.GetNodeReference(role) for role in self._roles(name))
-        return next((value for value in found if value is not None), None)
+        return node.GetNodeReference(self._present(node, name))
 
     def write(self, node, name: str, value) -> None:
-        node.SetParameter(name, "")
-        for role, kind in zip(self._roles(name), self._kinds, strict=True):
-            node.SetNodeReferenceID(role, value.GetID() if isinstance(value, kind) else None)
-            if isinstance(value, kind):
-                value = None
+        number = next((k for k, member in enumerate(self._members) if isinstance(value, member)), None)
+        if number is None:
+            raise TypeError(f"A union of {self._members} cannot hold {value!r} of type {type(value)}")
+        for role in self._roles(name):
+            node.UnsetParameter(role)
+            node.RemoveNodeReferenceIDs(role)
+        role = self._roles(name)[number]
+        node.SetParameter(role, "True" if value is None else "")
+        if value is not None:
+            node.SetNodeReferenceID(role, value.GetID())
+
+    def _present(self, node, name: str) -> str | None:
+        return next((role for role in self._roles(name) if node.HasParameter(role)), None)
 
     def _roles(self, name: str) -> list[str]:
-        return [f"{name}_{index}" for index in range(len(self._kinds))]
-
-
-class _LiteralStorage(Storage):
-    """A list, tuple or dict of plain values, as Python text; handed out as a copy, so set it anew to change it."""
-
-    def decode(self, text: str):
-        return self.kind(ast.literal_eval(text))
-
-    def encode(self, value) -> str:
-        return repr(self.kind(value))
+        return [f"{name}.{number}" for number in range(len(self._members))]
 
 
 def create(kind, extra: list[Validator]) -> Storage:
@@ -113,31 +113,30 @@ def create(kind, extra: list[Validator]) -> Storage:
 
 def node_classes(kind) -> tuple[type, ...]:
     """The MRML node classes that a parameter of type ``kind`` may hold; empty if it holds something else."""
-    members = typing.get_args(kind) if typing.get_origin(kind) in (typing.Union, types.UnionType) else (kind,)
-    classes = tuple(member for member in members if member is not type(None))
+    classes = tuple(member for member in _members(kind) if member is not type(None))
     if all(isinstance(member, type) and issubclass(member, slicer.vtkMRMLNode) for member in classes):
         return classes
     return ()
 
 
+def _members(kind) -> tuple:
+    return typing.get_args(kind) if typing.get_origin(kind) in (typing.Union, types.UnionType) else (kind,)
+
+
 def _create(kind) -> Storage:
-    origin = typing.get_origin(kind)
     if kind is bool:
         return _BoolStorage(bool, False, [NotNone(), IsInstance(bool)])
     if kind in (int, float):
-        return Storage(kind, kind(0), [NotNone(), IsInstance((int, float) if kind is float else int)])
+        return Storage(kind, 0, [NotNone(), IsInstance((int, float) if kind is float else int)])
     if kind is str:
         return Storage(str, "", [NotNone(), IsInstance(str)])
     if kind in PATHS:
         return Storage(kind, kind(), [NotNone(), IsInstance(kind)])
     if isinstance(kind, type) and issubclass(kind, enum.Enum):
-        return _EnumStorage(kind, next(iter(kind)), [NotNone(), IsInstance(kind)])
+        return _EnumStorage(kind, next(iter(kind)), [IsInstance(kind)])
     classes = node_classes(kind)
-    if classes and origin is None:
+    if classes and _members(kind) == (kind,):
         return _NodeStorage(kind, None, [IsInstance(kind)])
     if classes:
-        return _OptionalNodeStorage(classes)
-    if origin in (list, tuple, dict) and not any(node_classes(member) for member in typing.get_args(kind)):
-        empty = tuple(_create(member).default for member in typing.get_args(kind)) if origin is tuple else origin()
-        return _LiteralStorage(origin, empty, [NotNone(), IsInstance(origin)])
+        return _UnionStorage(_members(kind))
     raise TypeError(f"The host's parameterNodeWrapper knows no parameter of type {kind}")

@@ -40,6 +40,52 @@ class _Parameter:
         for validator in self.storage.validators:
             validator.validate(value)
 
+    def put_default(self, node, name: str) -> None:
+        """Give ``node`` the default if it has no value."""
+        if not self.storage.is_in(node, name):
+            value = self.default.value
+            self.validate(value)
+            self.storage.write(node, name, value)
+
+
+class _Held:
+    """The value of a parameter in a node, read when it is made and at each ModifiedEvent of the node, as in Slicer.
+
+    Somebody who is told of a change sees the new value if he began to observe later; what changes in the node without
+    an event is not seen.
+    """
+
+    def __init__(self, parameter: _Parameter, node, name: str):
+        self._parameter, self._node, self._name = parameter, node, name
+        self._writing = False
+        self.value = self._read()
+        # A weak reference, so that the observer does not keep the wrapper alive.
+        me = weakref.ref(self)
+
+        def changed(*_args):
+            held = me()
+            if held is not None and not held._writing:
+                held.value = held._read()
+
+        tag = node.AddObserver(vtk.vtkCommand.ModifiedEvent, changed)
+        weakref.finalize(self, node.RemoveObserver, tag)
+
+    def write(self, value) -> None:
+        self._parameter.validate(value)
+        self._writing = True
+        try:
+            with slicer.util.NodeModify(self._node):
+                self._parameter.storage.write(self._node, self._name, value)
+                # Before anybody is told.
+                self.value = self._read()
+        finally:
+            self._writing = False
+
+    def _read(self):
+        # Closing the scene empties the node, which is a singleton: the default comes back.
+        self._parameter.put_default(self._node, self._name)
+        return self._parameter.storage.read(self._node, self._name)
+
 
 def _property(parameter: _Parameter) -> property:
     return property(
@@ -55,51 +101,27 @@ class _Wrapper:
 
     def __init__(self, parameterNode, prefix: str | None = None):
         self.parameterNode = parameterNode
-        self._prefix = prefix or ""
         self._connected: dict[int, tuple[dict[str, connectors.GuiConnector], int]] = {}
         self._next_tag = 0
         self._updating = False
-        for parameter in self.allParameters.values():
-            if not parameter.storage.is_in(parameterNode, self._prefix + parameter.name):
-                self._write(parameter, parameter.default.value)
-        # Values are read from the node only when it has changed, as in Slicer; the reference to the
-        # wrapper is weak so that the observer does not keep it alive.
-        self._values: dict[str, object] = {}
-        me = weakref.ref(self)
-
-        def changed(*_args):
-            wrapper = me()
-            if wrapper is not None:
-                wrapper._values.clear()
-
-        tag = parameterNode.AddObserver(vtk.vtkCommand.ModifiedEvent, changed, 1000.0)
-        weakref.finalize(self, parameterNode.RemoveObserver, tag)
+        self._held: dict[str, _Held] = {}
+        for name, parameter in self.allParameters.items():
+            self._held[name] = _Held(parameter, parameterNode, (prefix or "") + name)
 
     def _parameter(self, name: str) -> _Parameter:
         if name not in self.allParameters:
             raise ValueError(f"Cannot find a param with the given name: {name} (found {', '.join(self.allParameters)})")
         return self.allParameters[name]
 
-    def _write(self, parameter: _Parameter, value) -> None:
-        parameter.validate(value)
-        with slicer.util.NodeModify(self.parameterNode):
-            parameter.storage.write(self.parameterNode, self._prefix + parameter.name, value)
-            if hasattr(self, "_values"):
-                self._values.pop(parameter.name, None)
-
     def getValue(self, name: str):
         """The value of a parameter."""
-        parameter = self._parameter(name)
-        if name not in self._values:
-            # Closing the scene empties the node, which is a singleton: as in Slicer, the default comes back.
-            if not parameter.storage.is_in(self.parameterNode, self._prefix + name):
-                self._write(parameter, parameter.default.value)
-            self._values[name] = parameter.storage.read(self.parameterNode, self._prefix + name)
-        return self._values[name]
+        self._parameter(name)
+        return self._held[name].value
 
     def setValue(self, name: str, value) -> None:
         """Set a parameter; an error of its validators leaves it as it was."""
-        self._write(self._parameter(name), value)
+        self._parameter(name)
+        self._held[name].write(value)
 
     def default(self, name: str) -> Default:
         """The default of a parameter, in its attribute ``value``."""
