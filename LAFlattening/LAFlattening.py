@@ -271,6 +271,8 @@ class LAFlatteningLogic(
     ) -> None:
         """Follow surface and seeds of a parameter node: snap, check, preview while dragging, full map on release.
 
+        It ends when the scene is closed or another one is added to it, which may replace what the parameter node holds.
+
         Parameters
         ----------
         scheduler : called with milliseconds and a function to call after them, once (in Slicer
@@ -423,7 +425,7 @@ class LAFlatteningWidget(ScriptedLoadableModuleWidget, Panel):  # noqa: F405
 
     def cleanup(self) -> None:
         """The panel goes away: nothing of it may be called again."""
-        self.setParameterNode(None)
+        self.onSceneStartClose()
         self.removeObservers()
 
     def enter(self) -> None:

@@ -135,7 +135,8 @@ class CutPreview(VTKObservationMixin):
         self.addObserver(parameterNode, vtk.vtkCommand.ModifiedEvent, self._onScene)
         self.addObserver(scene, scene.NodeAddedEvent, self._onNodeAdded)
         self.addObserver(scene, scene.NodeRemovedEvent, self._onScene)
-        self.addObserver(scene, scene.StartCloseEvent, lambda *_: self.stop())
+        for event in (scene.StartCloseEvent, scene.StartImportEvent):
+            self.addObserver(scene, event, lambda *_: self.stop())
         self._throttle.requestLater()
 
     def stop(self) -> None:

@@ -15,7 +15,7 @@ from .colouring import colourBarOf, updateColourBar
 from .cursor import LinkedCursor
 from .display_link import DisplayLink
 from .live_update import surfaceMoved
-from .map_nodes import belongsTo, settingsOf
+from .map_nodes import STAGE, belongsTo, settingsOf
 from .openings import hideOpenings, openingsNode, showOpenings
 from .overlay import overlayOf, updateOverlay
 from .result_nodes import HIDDEN, drawnOnMap, resultsOf
@@ -55,12 +55,17 @@ class LinkedViews(VTKObservationMixin):
         self._settings: Settings | None = None
         self._drawn: tuple[str, ...] = ()
         self._busy = False
+        for node in slicer.util.getNodesByClass("vtkMRMLModelNode"):
+            # Of a scene that was open when another one was added.
+            if node.GetAttribute(STAGE) is not None and node is not parameterNode.map:
+                _putAway(node)
         self._visibility.start()
         scene = slicer.mrmlScene
         self.addObserver(parameterNode, vtk.vtkCommand.ModifiedEvent, self._onChange)
         self.addObserver(scene, scene.NodeAboutToBeRemovedEvent, self._onNodeAboutToBeRemoved)
         self.addObserver(scene, scene.NodeRemovedEvent, self._onChange)
-        self.addObserver(scene, scene.StartCloseEvent, lambda *_: self.stop())
+        for event in (scene.StartCloseEvent, scene.StartImportEvent):
+            self.addObserver(scene, event, lambda *_: self.stop())
         self.update()
 
     def stop(self) -> None:

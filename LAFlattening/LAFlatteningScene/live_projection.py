@@ -36,6 +36,9 @@ class LiveProjection(VTKObservationMixin):
         self._followed: tuple[slicer.vtkMRMLTransformableNode, ...] = ()
         self._done = self._state()
         self.addObserver(parameterNode, vtk.vtkCommand.ModifiedEvent, self._onChange)
+        scene = slicer.mrmlScene
+        for event in (scene.StartCloseEvent, scene.StartImportEvent):
+            self.addObserver(scene, event, lambda *_: self.stop())
         self._follow()
 
     def stop(self) -> None:

@@ -92,7 +92,8 @@ class LiveUpdate(VTKObservationMixin):
         self.history = SeedHistory()
         self.addObserver(parameterNode, vtk.vtkCommand.ModifiedEvent, self._onParameters)
         scene = slicer.mrmlScene
-        self.addObserver(scene, scene.StartCloseEvent, lambda *_: self.stop())
+        for event in (scene.StartCloseEvent, scene.StartImportEvent):
+            self.addObserver(scene, event, lambda *_: self.stop())
         self.addObserver(scene, scene.NodeRemovedEvent, self._onParameters)
         self._follow()
         self._requestSettle()

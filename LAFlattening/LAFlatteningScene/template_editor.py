@@ -78,7 +78,9 @@ class TemplateEditor(VTKObservationMixin):
         self._now = parameterNode.template
         self._base = self._now
         self.addObserver(parameterNode, vtk.vtkCommand.ModifiedEvent, self._onParameters)
-        self.addObserver(slicer.mrmlScene, slicer.mrmlScene.StartCloseEvent, lambda *_: self.stop())
+        scene = slicer.mrmlScene
+        for event in (scene.StartCloseEvent, scene.StartImportEvent):
+            self.addObserver(scene, event, lambda *_: self.stop())
         self._follow()
 
     def stop(self) -> None:

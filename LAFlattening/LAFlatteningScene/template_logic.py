@@ -74,12 +74,15 @@ class TemplateLogic:
 
     def distortionFigures(self, mapNode: slicer.vtkMRMLModelNode | None) -> tuple[float, float, float, int] | None:
         """Of the last full map, as its table of metrics says: mean isotropy, entropy of the area ratio (nat), 99th
-        percentile of the dilatation, number of folded triangles; None without a map."""
+        percentile of the dilatation, number of folded triangles; None without a map or if the table lacks a row."""
         table = mapNode.GetNodeReference(METRICS_ROLE) if mapNode is not None else None
         if table is None:
             return None
         rows = range(table.GetNumberOfRows())
         said = {table.GetCellText(row, 0): table.GetCellText(row, 1) for row in rows}
+        if not all(said.get(name) for name in FIGURES):
+            # Its file is still being read, or rows were deleted by hand.
+            return None
         isotropy, entropy, dilatation, folded = (float(said[name]) for name in FIGURES)
         return isotropy, entropy, dilatation, int(folded)
 

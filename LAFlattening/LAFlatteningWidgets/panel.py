@@ -22,12 +22,14 @@ class Panel(VTKObservationMixin):
         self.sections = ()
         self.work = None
         self._guiTag = None
+        self._isResuming = False
 
     def observeScene(self) -> None:
         """Follow opening and closing of scenes, and what clicks in views do."""
         scene, interaction = slicer.mrmlScene, slicer.app.applicationLogic().GetInteractionNode()
         self.addObserver(scene, scene.StartCloseEvent, self.onSceneStartClose)
         self.addObserver(scene, scene.EndCloseEvent, self.onSceneChanged)
+        self.addObserver(scene, scene.StartImportEvent, self.onSceneStartImport)
         self.addObserver(scene, scene.EndImportEvent, self.onSceneChanged)
         self.addObserver(interaction, interaction.InteractionModeChangedEvent, self.onInteractionMode)
 
@@ -58,6 +60,16 @@ class Panel(VTKObservationMixin):
 
     def onSceneStartClose(self, caller=None, event=None) -> None:
         """The scene is about to go, and the parameter node with it."""
+        self._isResuming = False
+        self.setParameterNode(None)
+
+    def onSceneStartImport(self, caller=None, event=None) -> None:
+        """Another scene is about to be added, whose parameter node may replace the one that is there.
+
+        In the midst of it that names nodes by numbers which still belong to others: following it would write the map of
+        one atrium over that of another.
+        """
+        self._isResuming = self._isResuming or self.parameterNode is not None
         self.setParameterNode(None)
 
     def onSceneChanged(self, caller=None, event=None) -> None:
@@ -68,9 +80,15 @@ class Panel(VTKObservationMixin):
         qt.QTimer.singleShot(0, self.onSceneReady)
 
     def onSceneReady(self) -> None:
-        """Take the parameter node of the scene that is there now, if the panel is shown and has none yet."""
-        if self.parameterNode is None and self.parent.isEntered and not slicer.mrmlScene.IsBatchProcessing():
-            self.initializeParameterNode()
+        """Take the parameter node of the scene that is there now, if the panel is shown, or was at work, without it."""
+        if self.parameterNode is not None or not (self._isResuming or self.parent.isEntered):
+            return
+        if slicer.mrmlScene.IsBatchProcessing():
+            # More is being opened, and lets events through; look again when it may be done.
+            qt.QTimer.singleShot(100, self.onSceneReady)
+            return
+        self._isResuming = False
+        self.initializeParameterNode()
 
     def onParametersModified(self, caller=None, event=None) -> None:
         """Something that the panel shows has changed."""

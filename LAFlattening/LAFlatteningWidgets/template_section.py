@@ -155,9 +155,12 @@ class TemplateSection(Section):
         self.showNumbers()
         mapNode = self.parameters.map
         figures = self.logic.distortionFigures(mapNode)
-        self.ui.mapDistortion.text = (
-            _figures(*figures) if figures is not None else _("There is no map yet, so that edits cannot be seen.")
-        )
+        if figures is not None:
+            self.ui.mapDistortion.text = _figures(*figures)
+        elif mapNode is None:
+            self.ui.mapDistortion.text = _("There is no map yet, so that edits cannot be seen.")
+        else:
+            self.ui.mapDistortion.text = _("The figures of this map are not in the scene. Press Flatten.")
         if self.logic.isCurrent(mapNode):
             showMessage(self.ui.quickDistortion, "")
         self._updateButtons()

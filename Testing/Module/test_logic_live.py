@@ -1,5 +1,8 @@
 """Logic: the map follows the seeds; quickly during a drag, fully afterwards, and never gets in the way."""
 
+import tempfile
+from pathlib import Path
+
 import numpy as np
 import slicer
 import vtk
@@ -81,6 +84,19 @@ class FollowTest(LiveCase):
         self.surface.GetDisplayNode().SetOpacity(0.5)
         self.clock.run(1.0)
         self.assertEqual(self.made, [])
+
+    def test_addingAnotherSceneEndsIt(self):
+        before, mapNode = points(self.p.map), self.p.map
+        with tempfile.TemporaryDirectory() as folder:
+            file = str(Path(folder) / "saved.mrb")
+            slicer.util.saveScene(file)
+            moveSeed(self.seeds, "RSPV", seedPosition(self.seeds, "RSPV") + np.array((0.0, 3.0, 0.0)))
+            self.made.clear()
+            # The nodes of the file have the names and ids of those that are here, the seeds are elsewhere.
+            slicer.util.loadScene(file)
+        self.clock.run(1.0)
+        self.assertEqual(self.made, [])
+        np.testing.assert_array_equal(points(mapNode), before)
 
     def test_duringADragOnlyPreviews(self):
         self.made.clear()
