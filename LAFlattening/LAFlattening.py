@@ -46,6 +46,7 @@ from LAFlatteningScene.surface_nodes import Settings, SurfaceCache
 from LAFlatteningScene.template_logic import TemplateLogic
 from LAFlatteningScene.template_text import IsTemplate, textOf
 from LAFlatteningScene.view_logic import ViewLogic
+from LAFlatteningScene.views import addLayout
 from LAFlatteningWidgets import (
     AnalyseSection,
     ExportSection,
@@ -367,6 +368,8 @@ class LAFlattening(ScriptedLoadableModule):  # noqa: F405
             "F. Alarcon, G. Caixal, L. Mont, O. Camara and C. Butakoff. Not a medical device. For research."
         )
         slicer.app.connect("startupCompleted()", registerSampleData)
+        # Scenes may be opened before the panel.
+        slicer.app.connect("startupCompleted()", addLayout)
 
 
 SAMPLE_NAME = "Left atrium with LGE (synthetic)"
@@ -420,6 +423,8 @@ class LAFlatteningWidget(ScriptedLoadableModuleWidget, Panel):  # noqa: F405
             self.analyse,
             ExportSection(self),
         )
+        # The module may have been added after the start.
+        addLayout()
         self.observeScene()
         self.initializeParameterNode()
 

@@ -29,8 +29,11 @@ ELSEWHERE = "LAFlattening.elsewhere"
 WHITE = (1.0, 1.0, 1.0)
 
 
-def showLayout() -> None:
-    """Switch to the layout with both views; nothing where there is no layout manager."""
+def addLayout() -> None:
+    """Make the layout with both views known, so that a saved scene can show it; nothing without a layout manager.
+
+    Where a scene has asked for it in vain, and all views are gone, it is shown.
+    """
     manager = slicer.app.layoutManager()
     if manager is None:
         return
@@ -39,7 +42,15 @@ def showLayout() -> None:
         layoutNode.SetLayoutDescription(LAYOUT_ID, LAYOUT)
     else:
         layoutNode.AddLayoutDescription(LAYOUT_ID, LAYOUT)
-    manager.setLayout(LAYOUT_ID)
+    if layoutNode.GetViewArrangement() == LAYOUT_ID and not layoutNode.GetCurrentLayoutDescription():
+        manager.setLayout(LAYOUT_ID)
+
+
+def showLayout() -> None:
+    """Switch to the layout with both views; nothing where there is no layout manager."""
+    addLayout()
+    if slicer.app.layoutManager() is not None:
+        slicer.app.layoutManager().setLayout(LAYOUT_ID)
 
 
 def viewNode(tag: str) -> slicer.vtkMRMLViewNode | None:
@@ -72,7 +83,6 @@ class MapView(VTKObservationMixin):
         super().__init__()
         self._diameter = 100.0
         self._camera: slicer.vtkMRMLCameraNode | None = None
-        self._locked = None
         self._busy = False
 
     @property
@@ -132,7 +142,7 @@ class MapView(VTKObservationMixin):
     def _lockRotation(self) -> None:
         """Dragging with the left button moves the map instead of turning it."""
         view = threeDView(self.node)
-        if view is None or view is self._locked:
+        if view is None:
             return
         manager = view.displayableManagerByClassName("vtkMRMLCameraDisplayableManager")
         widget = manager.GetCameraWidget() if manager is not None else None

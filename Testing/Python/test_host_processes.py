@@ -91,6 +91,19 @@ while slicer.util.arrayFromModelPoints(flat).round(4).tolist() == loaded["points
 print("STATE" + json.dumps(loaded))
 """
 
+LOOK = """
+import sys
+import slicer_host
+
+slicer = slicer_host.start(views=True)
+from slicer_host import loading
+
+loading.load_module(sys.argv[1])
+slicer.util.loadScene(sys.argv[2], {"clear": bool(sys.argv[3])})
+slicer.app.processEvents()
+print(slicer.app.layoutManager().layoutLogic().GetViewNodes().GetNumberOfItems(), "views")
+"""
+
 TEST = """
 import sys
 import slicer_host
@@ -133,6 +146,13 @@ def test_a_scene_opens_in_a_new_process_as_it_was_saved(host_with_views, host_wi
     loaded = state_in(run(START + LOAD, str(MODULE), file))
     assert saved["diameter"] == [80.0, 80.0] and saved["checks"][0] is False and saved["colours"] == "LGE (a.u.)"
     assert loaded == saved
+
+
+def test_a_scene_that_is_opened_before_the_panel_has_its_views(host_with_views, host_with_qt, tmp_path):
+    file = str(tmp_path / "scene.mrb")
+    run(START + SAVE, str(MODULE), file)
+    for clear in ("", "clear"):
+        assert "2 views" in run(LOOK, str(MODULE), file, clear)
 
 
 def test_the_test_of_an_installed_module_passes_whole(host_with_views, host_with_qt, tmp_path):
