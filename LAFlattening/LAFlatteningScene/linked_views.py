@@ -18,6 +18,7 @@ from .live_update import surfaceMoved
 from .map_nodes import STAGE, belongsTo, settingsOf
 from .openings import hideOpenings, openingsNode, showOpenings
 from .overlay import overlayOf, updateOverlay
+from .quality_nodes import qualityNodesOf
 from .result_nodes import HIDDEN, drawnOnMap, resultsOf
 from .seed_nodes import seedPositions
 from .surface_nodes import Settings
@@ -216,9 +217,15 @@ class LinkedViews(VTKObservationMixin):
     @vtk.calldata_type(vtk.VTK_OBJECT)
     def _onNodeAboutToBeRemoved(self, _caller: object, _event: object, node: slicer.vtkMRMLNode) -> None:
         """What belongs to a node goes with it."""
-        if isinstance(node, slicer.vtkMRMLModelNode):
+        if not isinstance(node, slicer.vtkMRMLModelNode):
+            return
+        # The node is still in the scene: an update now would make anew what goes here. Its own removal brings one.
+        wasBusy, self._busy = self._busy, True
+        try:
             for belonging in belongingsOf(node):
                 slicer.mrmlScene.RemoveNode(belonging)
+        finally:
+            self._busy = wasBusy
 
 
 def _displaysOn(mapNode: slicer.vtkMRMLModelNode) -> tuple[str, ...]:
@@ -246,8 +253,8 @@ def _takeOut(mapNode: slicer.vtkMRMLModelNode) -> None:
 
 
 def belongingsOf(node: slicer.vtkMRMLModelNode) -> list[slicer.vtkMRMLNode]:
-    """What has no meaning without an atrium or a map: overlay, covers, colour bar, results."""
-    found = [*overlayOf(node), openingsNode(node), colourBarOf(node), *resultsOf(node)]
+    """What has no meaning without an atrium or a map: overlay, covers, colour bar, tables and charts, results."""
+    found = [*overlayOf(node), openingsNode(node), colourBarOf(node), *qualityNodesOf(node), *resultsOf(node)]
     return [node for node in found if node is not None and node.GetScene() is not None]
 
 

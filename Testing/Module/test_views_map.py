@@ -8,7 +8,7 @@ from LAFlatteningScene.overlay import places
 from logic_case import addArray, addAtrium, addModel, addSeeds, array, points, seedPosition, triangles
 from view_case import GREEN, ViewCase, like, middle, onScreen, picture
 
-from LAFlatteningLib import Template
+from LAFlatteningLib import Rule, Template
 
 
 class FrameTest(ViewCase):
@@ -199,6 +199,31 @@ class OverlayTest(ViewCase):
         slicer.mrmlScene.RemoveNode(self.p.map)
         for node in overlay:
             self.assertIsNone(node.GetScene())
+
+    def named(self, what):
+        """The names of nodes that contain something, but for what keeps files and displays."""
+        nodes = slicer.util.getNodesByClass("vtkMRMLNode")
+        left_out = (slicer.vtkMRMLStorageNode, slicer.vtkMRMLScriptedModuleNode)
+        return sorted(
+            node.GetName() for node in nodes if what in (node.GetName() or "") and not isinstance(node, left_out)
+        )
+
+    def test_nothingOfADeletedMapIsLeft(self):
+        self.logic.measureFibrosis(self.p.map, "LGE", Rule("value", (120.0,)))
+        self.assertGreater(len(self.named("Atrium map")), 8)
+        slicer.mrmlScene.RemoveNode(self.p.map)
+        self.assertEqual(self.named("Atrium map"), [])
+        # And nothing comes back.
+        self.p.showLabels = False
+        self.logic.updateViews()
+        self.assertEqual(self.named("Atrium map"), [])
+
+    def test_noCoversOfADeletedAtriumAreLeft(self):
+        self.assertEqual(self.named("openings"), ["Atrium openings"])
+        slicer.mrmlScene.RemoveNode(self.surface)
+        self.assertEqual(self.named("openings"), [])
+        self.p.showLabels = False
+        self.assertEqual(self.named("openings"), [])
 
 
 class ColoursTest(ViewCase):
