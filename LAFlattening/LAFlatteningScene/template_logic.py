@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 import slicer
 
-from LAFlatteningLib import Template, builtin_templates
+from LAFlatteningLib import InputFileError, Template, builtin_templates
 from LAFlatteningLib.template_editing import renamed
 
 from .live_update import Scheduler
 from .map_nodes import STAGE
 from .quality_nodes import METRICS_ROLE
 from .template_editor import EditReport, TemplateEditor
-from .template_text import isContent, templateOf, textOf
+from .template_text import isContent, panelTemplate, templateOf, textOf
 
 if TYPE_CHECKING:
     from LAFlattening import LAFlatteningParameterNode
@@ -51,23 +51,31 @@ class TemplateLogic:
 
         Raises
         ------
-        TemplateError, InputFileError : no template, saying what is wrong with the file.
+        TemplateError, InputFileError : no template of the left atrium, saying what is wrong with the file.
         """
         # The file may have changed since it was read last.
-        parameterNode.template = textOf(Template.load(Path(path)))
+        text = textOf(Template.load(Path(path)))
+        panelTemplate(text)
+        parameterNode.template = text
 
     def saveTemplate(self, parameterNode: LAFlatteningParameterNode, path: str | Path) -> None:
-        """Write the template that is used to a template file.
+        """Write the template that is used to a template file; ".json" is added to the name if it is missing.
 
         It is then called as the file is (with "_" for spaces), and the next map is made on it by that name.
 
         Raises
         ------
         TemplateError : the name of the file is none for a template.
-        InputFileError : the file cannot be written.
+        InputFileError : the file cannot be written, or is there already under the name with ".json" added.
         """
         self.takeTemplateEdit()
-        template = renamed(templateOf(parameterNode.template), Path(path).stem.replace(" ", "_"))
+        path = Path(path)
+        if path.suffix.lower() != ".json":
+            # Where files are chosen, only template files are listed.
+            path = path.with_name(f"{path.name}.json")
+            if path.exists():
+                raise InputFileError(f'There is a file "{path.name}" already. Choose it, or write another name.')
+        template = renamed(templateOf(parameterNode.template), path.stem.replace(" ", "_"))
         template.save(path)
         if isContent(parameterNode.template):
             parameterNode.template = textOf(template)

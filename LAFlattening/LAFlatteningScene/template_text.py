@@ -12,6 +12,7 @@ from pathlib import Path
 from slicer.parameterNodeWrapper import Validator
 
 from LAFlatteningLib import Template, TemplateError, builtin_templates
+from LAFlatteningLib.anatomy import LEFT_ATRIUM
 
 
 @lru_cache(maxsize=64)
@@ -50,16 +51,32 @@ def isContent(text: str) -> bool:
     return text.lstrip().startswith("{")
 
 
+def panelTemplate(text: str) -> Template:
+    """The template of a text, if the panel can use it: one of the left atrium, built in or the content of a file.
+
+    Raises
+    ------
+    TemplateError : no template, or one of another chamber.
+    """
+    names = builtin_templates(LEFT_ATRIUM.name)
+    if not isContent(text) and text not in builtin_templates():
+        raise TemplateError(f'There is no template "{text}". Expected one of {", ".join(names)}.')
+    template = templateOf(text)
+    if template.anatomy != LEFT_ATRIUM:
+        raise TemplateError(
+            f'Expected a template of "{LEFT_ATRIUM.name}", found "{template.name}", which is one of '
+            f'"{template.anatomy.name}". Choose {", ".join(names)} or a copy of one of them; other chambers are laid out '
+            "by the command la-flatten flatten --template."
+        )
+    return template
+
+
 class IsTemplate(Validator):
-    """The value of a parameter is the text of a template."""
+    """The value of a parameter is the text of a template that the panel can use, see `panelTemplate`."""
 
     def validate(self, value: str) -> None:
         """Raise ValueError with the reason if it is not."""
         try:
-            if not isContent(value) and value not in builtin_templates():
-                raise TemplateError(
-                    f'There is no template "{value}". Expected one of {", ".join(builtin_templates())}.'
-                )
-            templateOf(value)
+            panelTemplate(value)
         except TemplateError as error:
             raise ValueError(str(error)) from error

@@ -13,7 +13,7 @@ from LAFlatteningScene.template_handles import CENTRE, FOOT, SIZE, Handle, handl
 from LAFlatteningScene.template_text import templateOf, textOf
 from logic_case import Clock, LogicCase, addAtrium, addSeeds, phantom, points
 
-from LAFlatteningLib import Flattener, Template, TemplateError, read_surface
+from LAFlatteningLib import Flattener, InputFileError, Template, TemplateError, read_surface
 from LAFlatteningLib.template_editing import move_foot, move_hole, renamed, scale_hole
 
 ADAPTED = Template.load("adapted1")
@@ -98,6 +98,25 @@ class FileTest(LogicCase):
         (self.folder / "bad.json").write_text(json.dumps(content))
         with self.assertRaisesRegex(TemplateError, "holes.LAA.shape"):
             self.logic.openTemplate(self.p, self.folder / "bad.json")
+        self.assertEqual(self.p.template, "adapted1")
+
+    def test_theFileIsFoundAgainWhereFilesAreChosen(self):
+        self.logic.saveTemplate(self.p, self.folder / "mine")
+        self.assertEqual([path.name for path in self.folder.iterdir()], ["mine.json"])
+        self.assertEqual(Template.load(self.folder / "mine.json").name, "mine")
+        # Nobody was asked whether that file may be replaced.
+        with self.assertRaisesRegex(InputFileError, "already"):
+            self.logic.saveTemplate(self.p, self.folder / "mine")
+        self.logic.saveTemplate(self.p, self.folder / "mine.json")
+
+    def test_otherChambersAreNotForThePanel(self):
+        for name in ("right_atrium", "left_ventricle"):
+            replace(Template.load(name), name="other").save(self.folder / "other.json")
+            with self.assertRaisesRegex(TemplateError, "left_atrium"):
+                self.logic.openTemplate(self.p, self.folder / "other.json")
+            for text in (name, (self.folder / "other.json").read_text()):
+                with self.assertRaisesRegex(ValueError, "left_atrium"):
+                    self.p.template = text
         self.assertEqual(self.p.template, "adapted1")
 
     def test_anExportedMapComesWithItsTemplate(self):

@@ -148,6 +148,16 @@ class TestTemplate(PanelCase):
         self.pick("getSaveFileName", self.folder / "nowhere" / "mine.json")
         self.assertIn("does not exist", self.ui.templateMessage.text)
 
+    def test_a_template_of_another_chamber_is_refused_and_the_panel_goes_on(self):
+        _, _, mapNode = self.makeMap(follow=True)
+        renamed(Template.load("right_atrium"), "right").save(self.folder / "right.json")
+        self.pick("getOpenFileName", self.folder / "right.json")
+        self.assertIn("left_atrium", self.ui.templateMessage.text)
+        self.assertEqual((self.parameters.template, self.ui.templateSelector.currentText), ("adapted1", "adapted1"))
+        self.parameters.showLabels = False
+        self.settle()
+        self.assertTrue(self.full())
+
     def test_a_scene_brings_its_template_back(self):
         self.makeMap()
         mine = textOf(renamed(move_hole(ADAPTED, "RSPV", (0.22, 0.09)), "mine"))
