@@ -36,10 +36,11 @@ from LAFlatteningScene.export import exportMap
 from LAFlatteningScene.live_update import LiveUpdate, Report
 from LAFlatteningScene.long_action import refuseWhileBusy, whileChosen
 from LAFlatteningScene.map_making import MAKING, checkOutput, chooseMap, makeMap, notesOf
-from LAFlatteningScene.map_nodes import writeMap
+from LAFlatteningScene.map_nodes import refuseCopy, writeMap
+from LAFlatteningScene.parameter_values import takeOutUnknown
 from LAFlatteningScene.prepare_logic import PrepareLogic
 from LAFlatteningScene.quality_nodes import METRICS_ROLE, REGIONS_ROLE, SERIES_ROLES
-from LAFlatteningScene.sample_data import loadSample
+from LAFlatteningScene.sample_data import SAMPLE_NAME, loadSample, registerSampleData
 from LAFlatteningScene.seed_logic import SeedLogic
 from LAFlatteningScene.seed_nodes import seedPositions
 from LAFlatteningScene.surface_nodes import Settings, SurfaceCache
@@ -118,7 +119,7 @@ class LAFlatteningParameterNode:
     map: vtkMRMLModelNode
     metrics: vtkMRMLTableNode
     template: Annotated[str, IsTemplate()] = "adapted1"
-    ownTemplate: str = ""
+    ownTemplate: Annotated[str, IsTemplate(mayBeEmpty=True)] = ""
     editTemplate: bool = False
     method: Annotated[str, Choice(METHODS)] = "regional"
     checkAxes: bool = True
@@ -244,6 +245,7 @@ class LAFlatteningLogic(
         refuseWhileBusy(self)
         settings = Settings(textOf(template), method, checkAxes, float(diskDiameter))
         checkOutput(mapNode)
+        refuseCopy(mapNode)
         flatMap = self.cache.flattener(surfaceNode, settings).preview(seedPositions(seedsNode))
         writeMap(mapNode, flatMap, surfaceNode, settings, "preview")
         return mapNode
@@ -336,6 +338,7 @@ class LAFlatteningLogic(
         ------
         InputFileError : no map, or a quick one; tables that were measured before the map changed; the folder is
             missing or cannot be written to.
+        SurfaceError : the copy of a map, which has no tables.
         Cancelled : something else is being computed.
         """
         refuseWhileBusy(self)
@@ -370,30 +373,6 @@ class LAFlattening(ScriptedLoadableModule):  # noqa: F405
         slicer.app.connect("startupCompleted()", registerSampleData)
         # Scenes may be opened before the panel.
         slicer.app.connect("startupCompleted()", addLayout)
-
-
-SAMPLE_NAME = "Left atrium with LGE (synthetic)"
-
-
-def registerSampleData() -> None:
-    """Offer the synthetic atrium in the module Sample Data; it is made on the spot, nothing is downloaded."""
-    import SampleData
-
-    SampleData.SampleDataLogic.registerCustomSampleDataSource(
-        category="Cardiac",
-        sampleName=SAMPLE_NAME,
-        # Slicer counts a sample's files by these, also where there are none.
-        uris="",
-        fileNames="",
-        nodeNames="Left atrium",
-        customDownloader=makeSampleData,
-        thumbnailFileName=str(Path(__file__).parent / "Resources" / "Icons" / "LeftAtriumSynthetic.png"),
-    )
-
-
-def makeSampleData(source=None) -> list:
-    """Add the synthetic atrium, its seeds and its image to the scene; called by the module Sample Data."""
-    return list(loadSample())
 
 
 class LAFlatteningWidget(ScriptedLoadableModuleWidget, Panel):  # noqa: F405
@@ -431,11 +410,12 @@ class LAFlatteningWidget(ScriptedLoadableModuleWidget, Panel):  # noqa: F405
     def cleanup(self) -> None:
         """The panel goes away: nothing of it may be called again."""
         self.onSceneStartClose()
+        self.logic.releaseViews()
         self.removeObservers()
 
     def enter(self) -> None:
         """The user opens the module."""
-        self.initializeParameterNode()
+        self.onEnter()
 
     def exit(self) -> None:
         """The user opens another module: atrium and map stay linked, clicks no longer place seeds."""
@@ -450,8 +430,13 @@ class LAFlatteningWidget(ScriptedLoadableModuleWidget, Panel):  # noqa: F405
         ScriptedLoadableModuleWidget.onReload(self)  # noqa: F405
 
     def initializeParameterNode(self) -> None:
-        """Take the parameter node of the scene (made if there is none)."""
-        self.setParameterNode(LAFlatteningParameterNode(self.logic.getParameterNode()))
+        """Take the parameter node of the scene (made if there is none); wait for one while a scene is opened."""
+        if slicer.mrmlScene.IsImporting():
+            return
+        node = self.logic.getParameterNode()
+        replaced = takeOutUnknown(LAFlatteningParameterNode, node)
+        self.setParameterNode(LAFlatteningParameterNode(node))
+        self.inputs.setReplaced(replaced)
         self.inputs.chooseOnlySurface()
 
 

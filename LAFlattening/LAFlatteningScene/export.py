@@ -22,7 +22,7 @@ from .comparison_nodes import COMPARISON
 from .display_link import activeArray, scalarRange
 from .fibrosis_nodes import FIBROSIS
 from .gap_nodes import GAP_LIST, GAPS
-from .map_nodes import STAGE, settingsOf
+from .map_nodes import STAGE, prepareDisplay, refuseCopy, settingsOf
 from .map_reading import mapDataOf
 from .overlay import overlayOf
 from .quality_nodes import METRICS_ROLE, REGIONS_ROLE
@@ -49,6 +49,7 @@ def exportMap(mapNode: ModelNode, directory: str | Path, formats: tuple[str, ...
         raise InputFileError(f"Expected formats out of {', '.join(FORMATS)}, found {', '.join(unknown) or 'none'}.")
     if mapNode is None or mapNode.GetPolyData() is None or mapNode.GetPolyData().GetNumberOfPolys() == 0:
         raise InputFileError("There is no map to write. Make one first (Flatten).")
+    refuseCopy(mapNode)
     if mapNode.GetAttribute(STAGE) == "preview":
         raise InputFileError(
             f'"{mapNode.GetName()}" is only a quick map, as made while something is moved, and its tables are of the '
@@ -60,6 +61,7 @@ def exportMap(mapNode: ModelNode, directory: str | Path, formats: tuple[str, ...
             f'What was measured on "{mapNode.GetName()}" is outdated, because the map has changed since. Measure '
             "again or clear the results; then export."
         )
+    prepareDisplay(mapNode)
     folder = Path(directory)
     if not str(directory) or not folder.is_dir():
         raise InputFileError(f'The folder "{directory}" does not exist. Choose or create a folder for the files.')

@@ -15,7 +15,7 @@ from .colouring import colourBarOf, updateColourBar
 from .cursor import LinkedCursor
 from .display_link import DisplayLink
 from .live_update import surfaceMoved
-from .map_nodes import STAGE, belongsTo, settingsOf
+from .map_nodes import STAGE, belongsTo, isCopy, settingsOf
 from .openings import hideOpenings, openingsNode, showOpenings
 from .overlay import overlayOf, updateOverlay
 from .quality_nodes import qualityNodesOf
@@ -159,7 +159,7 @@ class LinkedViews(VTKObservationMixin):
         p, surface, mapNode = self._parameters, self._surface, self._map
         atriumView, mapView = viewNode(ATRIUM_VIEW), viewNode(MAP_VIEW)
         diameter = self._settings.diskDiameter if self._settings is not None else 0.0
-        belonging = surface is not None and mapNode is not None and belongsTo(mapNode, surface)
+        belonging = surface is not None and mapNode is not None and belongsTo(mapNode, surface) and not isCopy(mapNode)
         now = (
             surface,
             mapNode,

@@ -16,6 +16,7 @@ from LAFlatteningLib import Cancelled, LAFlatteningError, SeedError
 
 from .long_action import LOOK_AGAIN
 from .map_making import chooseMap
+from .map_nodes import isMapOf, refuseCopy
 from .result_nodes import FINGERPRINT
 from .seed_nodes import (
     Positions,
@@ -289,7 +290,9 @@ class LiveUpdate(VTKObservationMixin):
             self._logic.stopPlacing()
         now = fingerprint(self._logic.cache.surface(p.surface), self._seen, self._logic.settingsFrom(p))
         tried, error = self._tried or (None, None)
-        if p.map is not None and p.map.GetAttribute(FINGERPRINT) == now:
+        # Not made into a map without being asked: somebody may have wanted to keep it as it is.
+        refuseCopy(p.map)
+        if isMapOf(p.map, p.surface) and p.map.GetAttribute(FINGERPRINT) == now:
             self._tried = (now, None)
             self._report("map", "", {})
         elif tried == now and error is not None:

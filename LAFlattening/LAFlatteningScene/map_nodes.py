@@ -9,11 +9,12 @@ import slicer
 import vtk
 from vtk.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
 
-from LAFlatteningLib import Anatomy, FlatMap, Template
+from LAFlatteningLib import Anatomy, FlatMap, SurfaceError, Template
 from LAFlatteningLib.flattening.flat_map import POINT_ID_ARRAY, REGION_ARRAY
 from LAFlatteningLib.flattening.preview import Preview
 from LAFlatteningLib.shading import REGION_COLOURS
 
+from .quality_nodes import qualityNodesOf
 from .result_nodes import FINGERPRINT, hideOutdated
 from .surface_nodes import CELL_ID_ARRAY, Settings
 
@@ -146,6 +147,33 @@ def mapsOf(surfaceNode: ModelNode) -> list[ModelNode]:
 def belongsTo(mapNode: ModelNode, surfaceNode: ModelNode) -> bool:
     """Whether a map is of a surface, or of none yet."""
     return mapNode.GetNodeReference(SURFACE_ROLE) in (None, surfaceNode)
+
+
+def isMapOf(mapNode: ModelNode | None, surfaceNode: ModelNode | None) -> bool:
+    """Whether a map shows a surface: it is linked with it, and holds points."""
+    if mapNode is None or surfaceNode is None or mapNode.GetNodeReference(SURFACE_ROLE) is not surfaceNode:
+        return False
+    return mapNode.GetPolyData() is not None and mapNode.GetPolyData().GetNumberOfPoints() > 0
+
+
+def isCopy(mapNode: ModelNode | None) -> bool:
+    """Whether a node is the copy of a map (*Clone* in the module Data): it has the attributes of a map but no links.
+
+    What tells it from a map whose atrium was deleted are the links with seeds, tables and charts.
+    """
+    if mapNode is None or mapNode.GetAttribute(STAGE) is None:
+        return False
+    linked = mapNode.GetNodeReference(SURFACE_ROLE), mapNode.GetNodeReference(SEEDS_ROLE), *qualityNodesOf(mapNode)
+    return all(node is None for node in linked)
+
+
+def refuseCopy(mapNode: ModelNode | None) -> None:
+    """Raise SurfaceError if a node is the copy of a map."""
+    if isCopy(mapNode):
+        raise SurfaceError(
+            f'"{mapNode.GetName()}" is a copy of a map, without the links with an atrium and without tables. Press '
+            "Flatten to make it a map of the present atrium and seeds, or choose another map."
+        )
 
 
 def settingsOf(mapNode: ModelNode) -> Settings:

@@ -16,7 +16,7 @@ from LAFlatteningLib.map_data import seeds_in
 from LAFlatteningLib.projection import Projection
 from LAFlatteningLib.quantities import measured, unit_of
 
-from .map_nodes import STAGE, SURFACE_ROLE, copyArrays, millimetresPerUnit, settingsOf
+from .map_nodes import STAGE, SURFACE_ROLE, copyArrays, millimetresPerUnit, refuseCopy, settingsOf
 from .result_nodes import FINGERPRINT
 from .surface_nodes import CELL_ID_ARRAY, worldPoints
 from .template_text import templateOf
@@ -31,10 +31,11 @@ def mapDataOf(mapNode: ModelNode | None) -> MapData:
 
     Raises
     ------
-    SurfaceError : no map, or a quick one; its atrium is gone or another one.
+    SurfaceError : no map, a quick one, or the copy of one; its atrium is gone or another one.
     """
     if mapNode is None or mapNode.GetScene() is None or mapNode.GetAttribute(STAGE) is None:
         raise SurfaceError("There is no map. Flatten the atrium first.")
+    refuseCopy(mapNode)
     if mapNode.GetAttribute(STAGE) != "map":
         raise SurfaceError(
             f'"{mapNode.GetName()}" is only a quick map, as made while something is moved. Press Flatten first.'

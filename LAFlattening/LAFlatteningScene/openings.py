@@ -35,6 +35,9 @@ def showOpenings(surfaceNode: ModelNode, cavity: Cavity) -> ModelNode:
         node.SetHideFromEditors(True)
         node.SetSaveWithScene(False)
         node = scene.AddNode(node)
+        surfaceNode.SetNodeReferenceID(OPENINGS_ROLE, node.GetID())
+    if node.GetDisplayNode() is None:
+        # New, or somebody has deleted it.
         node.CreateDefaultDisplayNodes()
         display = node.GetDisplayNode()
         display.SetSaveWithScene(False)
@@ -42,7 +45,6 @@ def showOpenings(surfaceNode: ModelNode, cavity: Cavity) -> ModelNode:
         display.SetOpacity(OPACITY)
         display.SetBackfaceCulling(False)
         display.SetVisibility2D(False)
-        surfaceNode.SetNodeReferenceID(OPENINGS_ROLE, node.GetID())
     covers, _ = cavity.closed.submesh(cavity.cover >= 0)
     # Its contents, not its id: that of a cavity that is gone is soon that of another.
     key = hashlib.blake2b(covers.points.tobytes() + covers.triangles.tobytes(), digest_size=16).hexdigest()
@@ -64,5 +66,5 @@ def showOpenings(surfaceNode: ModelNode, cavity: Cavity) -> ModelNode:
 def hideOpenings(surfaceNode: ModelNode) -> None:
     """Hide the covers."""
     node = openingsNode(surfaceNode) if surfaceNode.GetScene() is not None else None
-    if node is not None and node.GetDisplayNode().GetVisibility():
+    if node is not None and node.GetDisplayNode() is not None and node.GetDisplayNode().GetVisibility():
         node.GetDisplayNode().SetVisibility(False)

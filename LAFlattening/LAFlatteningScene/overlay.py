@@ -193,12 +193,19 @@ def _points(flat: np.ndarray, height: np.ndarray) -> vtk.vtkPoints:
 
 def _node(mapNode: ModelNode, role: str, what: str) -> ModelNode:
     node = mapNode.GetNodeReference(role)
-    if node is not None:
-        return node
-    scene = mapNode.GetScene()
-    node = scene.AddNewNodeByClass("vtkMRMLModelNode", scene.GenerateUniqueName(f"{mapNode.GetName()} {what}"))
-    node.SetHideFromEditors(True)
-    node.SetSelectable(False)
+    if node is None:
+        scene = mapNode.GetScene()
+        node = scene.AddNewNodeByClass("vtkMRMLModelNode", scene.GenerateUniqueName(f"{mapNode.GetName()} {what}"))
+        node.SetHideFromEditors(True)
+        node.SetSelectable(False)
+        mapNode.SetNodeReferenceID(role, node.GetID())
+    if node.GetDisplayNode() is None:
+        # New, or somebody has deleted it.
+        _prepareDisplay(node, role)
+    return node
+
+
+def _prepareDisplay(node: ModelNode, role: str) -> None:
     node.CreateDefaultDisplayNodes()
     display = node.GetDisplayNode()
     display.SetLighting(False)
@@ -210,5 +217,3 @@ def _node(mapNode: ModelNode, role: str, what: str) -> ModelNode:
         display.SetActiveScalar("colour", vtk.vtkAssignAttribute.CELL_DATA)
         display.SetScalarRangeFlag(display.UseDirectMapping)
         display.SetScalarVisibility(True)
-    mapNode.SetNodeReferenceID(role, node.GetID())
-    return node

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import SimpleITK as sitk
 import slicer
@@ -15,6 +17,7 @@ from .colouring import rampColours
 from .map_nodes import groupNodes
 from .seed_nodes import createSeedsNode, setPositions
 
+SAMPLE_NAME = "Left atrium with LGE (synthetic)"
 SHOWN_ARRAY = "LGE"
 COLOURS_NAME = "LGE intensity"
 COLOURS = (
@@ -75,3 +78,24 @@ def _volume(image: sitk.Image) -> slicer.vtkMRMLScalarVolumeNode:
     volume.SetAndObserveImageData(data)
     volume.CreateDefaultDisplayNodes()
     return volume
+
+
+def registerSampleData() -> None:
+    """Offer the synthetic atrium in the module Sample Data; it is made on the spot, nothing is downloaded."""
+    import SampleData
+
+    SampleData.SampleDataLogic.registerCustomSampleDataSource(
+        category="Cardiac",
+        sampleName=SAMPLE_NAME,
+        # Slicer counts a sample's files by these, also where there are none.
+        uris="",
+        fileNames="",
+        nodeNames="Left atrium",
+        customDownloader=makeSampleData,
+        thumbnailFileName=str(Path(__file__).parents[1] / "Resources" / "Icons" / "LeftAtriumSynthetic.png"),
+    )
+
+
+def makeSampleData(source: object = None) -> list[slicer.vtkMRMLNode]:
+    """Add the synthetic atrium, its seeds and its image to the scene; called by the module Sample Data."""
+    return list(loadSample())

@@ -14,7 +14,7 @@ from slicer.util import VTKObservationMixin
 from LAFlatteningLib import LAFlatteningError, Template, TemplateError, distortion
 
 from .live_update import Scheduler
-from .map_nodes import settingsOf, writeMap
+from .map_nodes import refuseCopy, settingsOf, writeMap
 from .seed_nodes import nextSeed, seedPositions
 from .surface_nodes import Settings
 from .template_handles import Handle, HandlesNode
@@ -250,6 +250,7 @@ class TemplateEditor(VTKObservationMixin):
         report = EditReport(template, handle=self._last)
         try:
             if self._canPreview(template):
+                refuseCopy(p.map)
                 settings = self._logic.settingsFrom(p)
                 flattener = self._logic.cache.flattener(p.surface, settings)
                 quick = flattener.preview_template(template, seedPositions(p.seeds))

@@ -12,7 +12,7 @@ from LAFlatteningLib import InputFileError, Template, builtin_templates
 from LAFlatteningLib.template_editing import renamed
 
 from .live_update import Scheduler
-from .map_nodes import STAGE
+from .map_nodes import STAGE, isCopy
 from .quality_nodes import METRICS_ROLE
 from .template_editor import EditReport, TemplateEditor
 from .template_text import isContent, panelTemplate, templateOf, textOf
@@ -96,7 +96,7 @@ class TemplateLogic:
 
     def isCurrent(self, mapNode: slicer.vtkMRMLModelNode | None) -> bool:
         """Whether a map is a full one, not the quick one of an edit or a drag."""
-        return mapNode is not None and mapNode.GetAttribute(STAGE) == "map"
+        return mapNode is not None and mapNode.GetAttribute(STAGE) == "map" and not isCopy(mapNode)
 
     # ---- editing -----------------------------------------------------------------------------------------------------
 

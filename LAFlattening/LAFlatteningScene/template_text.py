@@ -11,8 +11,7 @@ from pathlib import Path
 
 from slicer.parameterNodeWrapper import Validator
 
-from LAFlatteningLib import Template, TemplateError, builtin_templates
-from LAFlatteningLib.anatomy import LEFT_ATRIUM
+from LAFlatteningLib import LEFT_ATRIUM, Template, TemplateError, builtin_templates
 
 
 @lru_cache(maxsize=64)
@@ -65,8 +64,8 @@ def panelTemplate(text: str) -> Template:
     if template.anatomy != LEFT_ATRIUM:
         raise TemplateError(
             f'Expected a template of "{LEFT_ATRIUM.name}", found "{template.name}", which is one of '
-            f'"{template.anatomy.name}". Choose {", ".join(names)} or a copy of one of them; other chambers are laid out '
-            "by the command la-flatten flatten --template."
+            f'"{template.anatomy.name}". Choose {", ".join(names)} or a copy of one of them; other chambers are laid '
+            "out by the command la-flatten flatten --template."
         )
     return template
 
@@ -74,9 +73,13 @@ def panelTemplate(text: str) -> Template:
 class IsTemplate(Validator):
     """The value of a parameter is the text of a template that the panel can use, see `panelTemplate`."""
 
+    def __init__(self, mayBeEmpty: bool = False) -> None:
+        self._mayBeEmpty = mayBeEmpty
+
     def validate(self, value: str) -> None:
         """Raise ValueError with the reason if it is not."""
         try:
-            panelTemplate(value)
+            if value or not self._mayBeEmpty:
+                panelTemplate(value)
         except TemplateError as error:
             raise ValueError(str(error)) from error

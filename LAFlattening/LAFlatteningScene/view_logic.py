@@ -72,6 +72,11 @@ class ViewLogic:
             self._linked.stop()
             self._linked = None
 
+    def releaseViews(self) -> None:
+        """`unlinkViews` for good: other nodes than the map's are shown in all views again."""
+        self.unlinkViews()
+        views.showEverywhere()
+
     # ---- colours -----------------------------------------------------------------------------------------------------
 
     def colourChoices(self, surfaceNode: ModelNode | None) -> dict[ArrayChoice, str]:

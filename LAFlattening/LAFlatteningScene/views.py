@@ -182,6 +182,23 @@ class MapView(VTKObservationMixin):
             self._busy = False
 
 
+def showEverywhere() -> None:
+    """Show what was kept out of the map view in all views again, those that are made later too."""
+    for display in slicer.util.getNodesByClass("vtkMRMLDisplayNode"):
+        kept = display.GetAttribute(ELSEWHERE)
+        if kept is None:
+            continue
+        # Where somebody has chosen other views since, they stay.
+        if kept == " ".join(_viewsOf(display)):
+            display.RemoveAllViewNodeIDs()
+        display.RemoveAttribute(ELSEWHERE)
+
+
+def _viewsOf(display: slicer.vtkMRMLDisplayNode) -> list[str]:
+    """The views in which a node is shown; none for all."""
+    return [display.GetNthViewNodeID(k) for k in range(display.GetNumberOfViewNodeIDs())]
+
+
 class Visibility(VTKObservationMixin):
     """Shows some nodes in the map view only and everything else in all views but that one."""
 
@@ -218,7 +235,7 @@ class Visibility(VTKObservationMixin):
         ]
         for display in slicer.util.getNodesByClass("vtkMRMLDisplayNode", scene):
             owner = display.GetDisplayableNode()
-            now = [display.GetNthViewNodeID(k) for k in range(display.GetNumberOfViewNodeIDs())]
+            now = _viewsOf(display)
             if owner is not None and owner.GetID() in self._mapNodes:
                 wanted = [mapView.GetID()]
             elif not now or display.GetAttribute(ELSEWHERE) == " ".join(now):

@@ -12,6 +12,7 @@ class InputSection(Section):
 
     def __init__(self, panel) -> None:
         super().__init__(panel)
+        self._replaced: dict[str, tuple[str, object]] = {}
         self.ui.sampleButton.connect("clicked()", self.loadSample)
 
     def loadSample(self) -> None:
@@ -32,13 +33,27 @@ class InputSection(Section):
         if len(candidates) == 1:
             self.parameters.surface = candidates[0]
 
+    def setReplaced(self, replaced: dict[str, str]) -> None:
+        """Settings of the scene that are not known here: name -> what the scene says; the defaults are used."""
+        self._replaced = {name: (said, self.parameters.getValue(name)) for name, said in replaced.items()}
+        self.update()
+
+    def reset(self) -> None:
+        """Another parameter node."""
+        self._replaced = {}
+
     def update(self) -> None:
-        """Say what is missing."""
+        """Say what is missing, and which settings of the scene are not known here until they are changed."""
         self.ui.sampleButton.enabled = not self.panel.isBusy
-        if not self.parameters.surface:
-            showMessage(
-                self.ui.inputMessage,
-                _("Choose the surface model of a left atrium, or load the synthetic one to try the module."),
+        messages = [
+            _('The scene says {name} "{said}", which this version does not know: "{used}" is used instead.').format(
+                name=name, said=said, used=used
             )
-        else:
-            showMessage(self.ui.inputMessage, "")
+            for name, (said, used) in self._replaced.items()
+            if self.parameters.getValue(name) == used
+        ]
+        if not self.parameters.surface:
+            messages.append(
+                _("Choose the surface model of a left atrium, or load the synthetic one to try the module.")
+            )
+        showMessage(self.ui.inputMessage, "\n".join(messages))

@@ -58,6 +58,15 @@ class Panel(VTKObservationMixin):
 
     # ---- events ------------------------------------------------------------------------------------------------------
 
+    def onEnter(self) -> None:
+        """The panel is shown: what it shows goes on, undo included, if it is still of this scene."""
+        if self.parameterNode is None or self.parameterNode.parameterNode is not self.logic.getParameterNode():
+            self.initializeParameterNode()
+            return
+        self.inputs.chooseOnlySurface()
+        self.logic.updateViews()
+        self.update()
+
     def onSceneStartClose(self, caller=None, event=None) -> None:
         """The scene is about to go, and the parameter node with it."""
         self._isResuming = False

@@ -1,6 +1,7 @@
 """Section Quality: how good the map is."""
 
 import slicer
+from LAFlatteningScene.map_nodes import isCopy
 from slicer.i18n import tr as _
 
 from .section import Section, errorsShownIn, fillTable, fitHeight
@@ -30,6 +31,8 @@ class QualitySection(Section):
         notes = self.logic.notes(mapNode) if mapNode else []
         if mapNode is None:
             self.ui.notesText.text = _("There is no map yet.")
+        elif isCopy(mapNode):
+            self.ui.notesText.text = _("This is a copy of a map; press Flatten to make it a map of its own.")
         else:
             self.ui.notesText.text = "\n".join(notes) or _("Nothing unusual about this map.")
         for widget, table in (
@@ -39,4 +42,4 @@ class QualitySection(Section):
             fillTable(widget, table)
             fitHeight(widget, ROWS)
             widget.setVisible(table is not None)
-        self.ui.histogramButton.enabled = mapNode is not None
+        self.ui.histogramButton.enabled = mapNode is not None and bool(self.logic.histogramCharts(mapNode))

@@ -2,10 +2,15 @@
 
 import tempfile
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
+import qt
 import slicer
+import vtk
 from panel_case import PanelCase
+
+from LAFlatteningLib import SurfaceError
 
 
 class TestAddedScene(PanelCase):
@@ -105,3 +110,149 @@ class TestTables(PanelCase):
         self.parameters.showLabels = False
         self.settle()
         self.assertIn("not in the scene", self.ui.mapDistortion.text)
+
+
+class TestEntering(PanelCase):
+    """The user looks at another module and comes back."""
+
+    def test_what_can_be_undone_stays(self):
+        _, seedsNode, _ = self.makeMap(follow=True)
+        self.moveSeed(seedsNode, "RSPV", (0.0, 3.0, 0.0))
+        self.settle()
+        self.ui.holeX.value += 1.0
+        self.waitFor(lambda: self.parameters.template != "adapted1")
+        buttons = (self.ui.undoButton, self.ui.undoTemplateButton)
+        self.assertEqual([button.enabled for button in buttons], [True, True])
+        before = self.parameters
+        self.panel.exit()
+        self.panel.enter()
+        self.settle()
+        self.assertIs(self.parameters, before)
+        self.assertEqual([button.enabled for button in buttons], [True, True])
+        self.ui.undoTemplateButton.click()
+        self.assertEqual(self.parameters.template, "adapted1")
+
+    def test_a_map_that_is_being_made_is_made(self):
+        self.loadSample()
+        qt.QTimer.singleShot(0, self.panel.enter)
+        self.ui.flattenButton.click()
+        self.assertEqual(self.ui.mapMessage.text, "")
+        self.assertIsNotNone(self.parameters.map)
+
+    def test_another_scene_is_another_start(self):
+        self.makeMap()
+        before = self.parameters
+        slicer.mrmlScene.Clear()
+        self.panel.enter()
+        self.assertIsNot(self.parameters, before)
+        self.assertIsNone(self.parameters.map)
+
+
+class TestUnknownValues(PanelCase):
+    """A scene of another version of the module."""
+
+    VALUES: ClassVar = {
+        "template": ("adapted3", "adapted1"),
+        "rule": ("iir2", "iir"),
+        "parcellation": ("aha17", "none"),
+        "pvLength": ("300.0", 3.0),
+        "preparePoints": ("-5", 0),
+        "ownTemplate": ('{"schema": "laflattening-template/9"}', ""),
+    }
+
+    def test_the_defaults_are_used_and_it_is_said(self):
+        node = self.panel.logic.getParameterNode()
+        self.panel.setParameterNode(None)
+        for name, (said, _) in self.VALUES.items():
+            node.SetParameter(name, said)
+        node.SetParameter("method", "paper")
+        self.panel.enter()
+        self.settle()
+        for name, (said, used) in self.VALUES.items():
+            self.assertEqual(getattr(self.parameters, name), used)
+            self.assertIn(f'{name} "{said}'[:30], self.ui.inputMessage.text)
+        # What is known stays.
+        self.assertEqual(self.parameters.method, "paper")
+        self.assertNotIn("method", self.ui.inputMessage.text)
+        self.parameters.template = "population"
+        self.assertNotIn("adapted3", self.ui.inputMessage.text)
+        self.loadSample()
+        self.ui.flattenButton.click()
+        self.assertIsNotNone(self.parameters.map)
+
+    def test_nothing_is_said_of_a_scene_that_is_all_known(self):
+        self.makeMap()
+        self.panel.setParameterNode(None)
+        self.panel.enter()
+        self.assertEqual(self.ui.inputMessage.text, "")
+
+
+class TestDamagedNodes(PanelCase):
+    """What a user can do in the modules Data, Models and Tables to nodes that the panel shows."""
+
+    def test_a_copy_of_a_map_is_not_taken_for_one(self):
+        surfaceNode, _, mapNode = self.makeMap(follow=True)
+        hierarchy = slicer.vtkMRMLSubjectHierarchyNode.GetSubjectHierarchyNode(slicer.mrmlScene)
+        clone = slicer.vtkSlicerSubjectHierarchyModuleLogic.CloneSubjectHierarchyItem
+        copy = hierarchy.GetItemDataNode(clone(hierarchy, hierarchy.GetItemByDataNode(mapNode)))
+        before = slicer.util.arrayFromModelPoints(copy).copy()
+        self.parameters.map = copy
+        self.parameters.template = "population"
+        self.settle(0.5)
+        for text in (self.ui.mapMessage.text, self.ui.notesText.text):
+            self.assertIn("copy of a map", text)
+            self.assertIn("Flatten", text)
+        self.assertFalse(self.panel.logic.isCurrent(copy))
+        # What somebody has kept is not made anew without being asked, by no edit either.
+        self.ui.holeX.value += 1.0
+        self.settle(0.5)
+        np.testing.assert_array_equal(slicer.util.arrayFromModelPoints(copy), before)
+        self.parameters.analysisArray, self.parameters.rule, self.parameters.ruleThresholds = "LGE", "value", "120"
+        self.ui.measureButton.click()
+        self.assertIn("copy of a map", self.ui.analyseMessage.text)
+        with tempfile.TemporaryDirectory() as folder:
+            self.ui.exportDirectory.currentPath = folder
+            self.ui.exportButton.click()
+            self.assertIn("copy of a map", self.ui.exportMessage.text)
+            self.assertEqual(list(Path(folder).iterdir()), [])
+        self.ui.flattenButton.click()
+        self.assertEqual(self.ui.mapMessage.text, "")
+        self.assertGreater(self.ui.metricsTable.rowCount, 5)
+        self.assertIs(copy.GetNodeReference("LAFlattening.surface"), surfaceNode)
+        self.assertTrue(self.panel.logic.isCurrent(copy))
+
+    def test_a_map_whose_atrium_was_deleted_is_no_copy(self):
+        surfaceNode, _, mapNode = self.makeMap()
+        slicer.mrmlScene.RemoveNode(surfaceNode)
+        self.settle()
+        self.assertIs(self.parameters.map, mapNode)
+        self.assertNotIn("copy", self.ui.notesText.text)
+        with self.assertRaisesRegex(SurfaceError, "not in the scene"):
+            self.panel.logic.findGaps(mapNode, "LGE", [120.0])
+
+    def test_a_map_without_points_is_made_anew(self):
+        _, _, mapNode = self.makeMap(follow=True)
+        count = mapNode.GetPolyData().GetNumberOfPoints()
+        mapNode.SetAndObservePolyData(vtk.vtkPolyData())
+        self.parameters.liveUpdate = False
+        self.settle()
+        self.assertIn("Flatten", self.ui.mapMessage.text)
+        self.parameters.liveUpdate = True
+        self.waitFor(lambda: mapNode.GetPolyData().GetNumberOfPoints() == count)
+        self.settle()
+        self.assertEqual(self.ui.mapMessage.text, "")
+
+    def test_nodes_without_display(self):
+        surfaceNode, _, mapNode = self.makeMap()
+        overlay = [mapNode.GetNodeReference(f"LAFlattening.{what}") for what in ("lines", "labels")]
+        for node in (*overlay, surfaceNode.GetNodeReference("LAFlattening.openings"), surfaceNode, mapNode):
+            slicer.mrmlScene.RemoveNode(node.GetDisplayNode())
+            self.parameters.showOpenings = not self.parameters.showOpenings
+            self.settle()
+            self.assertEqual(self.escaped, [])
+        for node in overlay:
+            self.assertTrue(node.GetDisplayVisibility())
+        with tempfile.TemporaryDirectory() as folder:
+            self.ui.exportDirectory.currentPath = folder
+            self.ui.exportButton.click()
+            self.assertIn(folder, self.ui.exportMessage.text)

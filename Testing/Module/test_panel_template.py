@@ -149,7 +149,7 @@ class TestTemplate(PanelCase):
         self.assertIn("does not exist", self.ui.templateMessage.text)
 
     def test_a_template_of_another_chamber_is_refused_and_the_panel_goes_on(self):
-        _, _, mapNode = self.makeMap(follow=True)
+        self.makeMap(follow=True)
         renamed(Template.load("right_atrium"), "right").save(self.folder / "right.json")
         self.pick("getOpenFileName", self.folder / "right.json")
         self.assertIn("left_atrium", self.ui.templateMessage.text)

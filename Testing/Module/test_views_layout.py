@@ -2,6 +2,7 @@
 
 import slicer
 from LAFlatteningScene import views
+from logic_case import addAtrium
 from view_case import ViewCase
 
 
@@ -28,3 +29,37 @@ class LayoutTest(ViewCase):
         slicer.app.layoutManager().setLayout(node.SlicerLayoutOneUp3DView)
         views.addLayout()
         self.assertEqual(node.GetViewArrangement(), node.SlicerLayoutOneUp3DView)
+
+
+class OthersTest(ViewCase):
+    """Nodes of the user's that have nothing to do with atrium and map."""
+
+    def setUp(self):
+        super().setUp()
+        self.display = addAtrium("Other").GetDisplayNode()
+        self.chosen = addAtrium("In one view").GetDisplayNode()
+        self.chosen.SetViewNodeIDs([self.logic.atriumViewNode().GetID()])
+
+    def later(self):
+        """A 3D view that is made now."""
+        node = slicer.mrmlScene.CreateNodeByClass("vtkMRMLViewNode")
+        node.UnRegister(None)
+        node.SetSingletonTag("Later")
+        node.SetLayoutName("Later")
+        return slicer.mrmlScene.AddNode(node).GetID()
+
+    def test_theyAreShownInViewsThatAreMadeLater(self):
+        self.assertTrue(self.display.IsDisplayableInView(self.later()))
+        self.assertFalse(self.display.IsDisplayableInView(self.logic.mapViewNode().GetID()))
+
+    def test_afterTheModuleIsGoneTheyAreShownInAllViews(self):
+        self.logic.releaseViews()
+        later = self.later()
+        self.assertTrue(self.display.IsDisplayableInView(later))
+        self.assertEqual(self.display.GetNumberOfViewNodeIDs(), 0)
+        # The map stays in its view, and what the user has chosen stays chosen.
+        self.assertFalse(self.p.map.GetDisplayNode().IsDisplayableInView(later))
+        self.assertFalse(self.chosen.IsDisplayableInView(later))
+        # And all can begin again.
+        self.logic.linkViews(self.p)
+        self.assertFalse(self.display.IsDisplayableInView(self.logic.mapViewNode().GetID()))
