@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import slicer
-from vtk.util.numpy_support import numpy_to_vtk
+from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 
 from LAFlatteningLib import LAFlatteningError, Parcellation, Rule, compare_maps, find_gaps, measure_fibrosis, project
 from LAFlatteningLib.blood_pool import BloodPool, blood_pool_of_labels, find_blood_pool
@@ -25,14 +26,14 @@ from .class_colours import classColours
 from .colouring import CELL_DATA, POINT_DATA, colourBy, colourChoices, colouredBy
 from .comparison_nodes import COMPARISON, removeDifferences, writeComparison
 from .fibrosis_nodes import BLOOD_POOL, FIBROSIS, classArrayOf, removeClasses, writeBloodPool, writeFibrosis
-from .gap_nodes import GAP_CURVE, GAP_LIST, GAPS, PATH, RGM, writeGaps
+from .gap_nodes import GAP_CURVE, GAP_KINDS, GAP_LIST, GAPS, PATH, RGM, writeGaps
 from .image_input import inCoordinatesOf, localVolume, segmentVolume, worldVolume
 from .live_projection import LiveProjection
 from .long_action import longAction, refuseWhileBusy, whileChosen
 from .map_nodes import SURFACE_ROLE, copyArrays, mapsOf
 from .map_reading import mapDataOf, stateOf, withParcels, writeHow
 from .raw_input import versionOf
-from .result_nodes import hasOutdated, removeResults, resultOf, resultsOf
+from .result_nodes import hasOutdated, noteArray, outdateResultsOf, removeResults, resultOf, resultsOf
 from .surface_nodes import surfaceOf
 
 if TYPE_CHECKING:
@@ -132,11 +133,15 @@ class AnalysisLogic:
         values = numpy_to_vtk(found.values, deep=True)
         values.SetName(array)
         polydata = surfaceNode.GetPolyData()
+        before = polydata.GetPointData().GetArray(array)
+        isSame = before is not None and np.array_equal(vtk_to_numpy(before), found.values, equal_nan=True)
         polydata.GetPointData().AddArray(values)
         writeHow(polydata, array, found)
         polydata.Modified()
         for mapNode in mapsOf(surfaceNode):
             copyArrays(mapNode, surfaceNode)
+            if not isSame:
+                outdateResultsOf(mapNode, array)
         return found
 
     def projectParameters(self, parameterNode: LAFlatteningParameterNode) -> Projection:
@@ -282,6 +287,7 @@ class AnalysisLogic:
                 writeBloodPool(mapNode, surfaceNode, volumeNode, pool)
             else:
                 removeResults(mapNode, BLOOD_POOL)
+            noteArray(mapNode, array, FIBROSIS, BLOOD_POOL)
             colourBy(surfaceNode, (classArrayOf(array), CELL_DATA))
             return found
 
@@ -338,6 +344,7 @@ class AnalysisLogic:
             level = found.thresholds[len(found.thresholds) // 2] if shown is None else shown
             table = writeGaps(mapNode, surfaceNode, data, found, level)
             table.SetDescription("\n".join(found.notes))
+            noteArray(mapNode, array, *GAP_KINDS)
             return table
 
     def gapsParameters(
@@ -375,6 +382,7 @@ class AnalysisLogic:
         surfaceNode = mapNode.GetNodeReference(SURFACE_ROLE)
         table = writeComparison(mapNode, surfaceNode, data, found, otherMapNode.GetName())
         table.SetDescription("\n".join(found.notes))
+        noteArray(mapNode, array, COMPARISON)
         return table
 
     def compareParameters(self, parameterNode: LAFlatteningParameterNode) -> slicer.vtkMRMLTableNode:

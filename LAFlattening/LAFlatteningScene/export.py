@@ -58,8 +58,8 @@ def exportMap(mapNode: ModelNode, directory: str | Path, formats: tuple[str, ...
     measured = [table for kind in MEASURED if (table := resultOf(mapNode, kind)) is not None]
     if "csv" in formats and not all(isCurrent(mapNode, table) for table in measured):
         raise InputFileError(
-            f'What was measured on "{mapNode.GetName()}" is outdated, because the map has changed since. Measure '
-            "again or clear the results; then export."
+            f'What was measured on "{mapNode.GetName()}" is outdated, because map or intensities have changed since. '
+            "Measure again or clear the results; then export."
         )
     prepareDisplay(mapNode)
     folder = Path(directory)

@@ -18,7 +18,7 @@ from LAFlatteningLib.surface import UNKNOWN
 from .map_nodes import groupNodes, onMap, settingsOf
 from .result_nodes import addResult, removeResults, tableResult
 
-GAPS, GAP_LIST, GAP_CURVE, PATH, RGM = "gaps", "gap list", "gap curve", "ablation path", "RGM"
+GAPS, GAP_LIST, GAP_CURVE, PATH, RGM = GAP_KINDS = "gaps", "gap list", "gap curve", "ablation path", "RGM"
 """Kinds of results."""
 GAP_COLOUR, SCAR_COLOUR = (0.04, 0.31, 0.82), (0.23, 0.16, 0.06)
 OFF_WALL_MM = 0.6

@@ -15,6 +15,9 @@ FINGERPRINT = "LAFlattening.fingerprint"
 """Attribute of a map: what it was made from; absent while it is a quick one."""
 MADE_FOR, HIDDEN = "LAFlattening.madeFor", "LAFlattening.hiddenAsOutdated"
 """Attributes of a result: the fingerprint of the map when it was measured; hidden because that has changed."""
+OF_ARRAY, OTHER_VALUES = "LAFlattening.measuredArray", "other values"
+"""Attribute of a result: the array of the atrium that it was read off; and what `MADE_FOR` says where that has other
+values now."""
 KIND, ON_MAP = "LAFlattening.result", "LAFlattening.onMap"
 """Attributes of a result: what it is, and whether it is drawn on the map (and not on the atrium)."""
 
@@ -55,8 +58,11 @@ def addResult(mapNode: ModelNode, kind: str, className: str, name: str, onMap: b
 
 
 def hideOutdated(mapNode: ModelNode) -> None:
-    """Hide what is drawn on a map that has changed since, and show it again where the map is as it was."""
-    for node in drawnOnMap(mapNode):
+    """Hide what is drawn on a map that has changed since, and on its atrium, and show it again where the map is as it
+    was."""
+    for node in resultsOf(mapNode):
+        if not (node.IsA("vtkMRMLModelNode") or node.IsA("vtkMRMLMarkupsNode")):
+            continue
         if isCurrent(mapNode, node):
             # Only what was hidden here is shown here: the user may have hidden more.
             if node.GetAttribute(HIDDEN):
@@ -72,8 +78,23 @@ def isCurrent(mapNode: ModelNode, result: slicer.vtkMRMLNode) -> bool:
     return result.GetAttribute(MADE_FOR) == (mapNode.GetAttribute(FINGERPRINT) or "")
 
 
+def noteArray(mapNode: ModelNode, array: str, *kinds: str) -> None:
+    """Say of which array the results of some kinds are."""
+    for node in resultsOf(mapNode):
+        if node.GetAttribute(KIND) in kinds:
+            node.SetAttribute(OF_ARRAY, array)
+
+
+def outdateResultsOf(mapNode: ModelNode, array: str) -> None:
+    """What was read off an array is outdated, because that has other values now."""
+    for node in resultsOf(mapNode):
+        if node.GetAttribute(OF_ARRAY) == array:
+            node.SetAttribute(MADE_FOR, OTHER_VALUES)
+    hideOutdated(mapNode)
+
+
 def hasOutdated(mapNode: ModelNode | None) -> bool:
-    """Whether something was measured on a map before it changed."""
+    """Whether something was measured on a map before it, or the array, changed."""
     return mapNode is not None and any(not isCurrent(mapNode, node) for node in resultsOf(mapNode))
 
 

@@ -184,7 +184,7 @@ class AnalyseSection(Section):
         ):
             button.enabled = idle and not missing
             button.toolTip = missing or what
-        outdated = _("The map has changed since: what was measured before is outdated. Measure again.")
+        outdated = _("Map or intensities have changed since: what was measured before is outdated. Measure again.")
         if self.logic.hasOutdated(p.map):
             showMessage(self.ui.analyseMessage, outdated)
         elif self.ui.analyseMessage.text == outdated:

@@ -413,7 +413,9 @@ class ResultsTest(AnalysisCase):
 
     def test_outdatedWhereTheMapHasChanged(self):
         self.logic.findGaps(self.map, "LGE", [120.0])
-        drawn = [node for node in resultsOf(self.map, "gap curve") if node.GetAttribute(ON_MAP)]
+        # On map and atrium.
+        drawn = [*resultsOf(self.map, "gap curve"), *resultsOf(self.map, "ablation path")]
+        self.assertEqual({bool(node.GetAttribute(ON_MAP)) for node in drawn}, {True, False})
         self.assertFalse(self.logic.hasOutdated(self.map))
         before = seedPosition(self.seeds, "RSPV")
         moveSeed(self.seeds, "RSPV", before + np.array([0.0, 1.0, 1.0]))
@@ -427,6 +429,27 @@ class ResultsTest(AnalysisCase):
         self.logic.flatten(self.surface, self.seeds, self.map)
         self.assertFalse(self.logic.hasOutdated(self.map))
         self.assertTrue(all(node.GetDisplayVisibility() for node in drawn))
+
+    def test_outdatedWhereTheImageIsProjectedAnew(self):
+        volume = addVolume()
+        self.logic.project(self.surface, volume)
+        self.logic.measureFibrosis(self.map, "LGE", Rule("value", (120.0,)))
+        self.logic.findGaps(self.map, "LGE", [120.0])
+        drawn = resultsOf(self.map, "gap curve")
+        # The same once more is no change, and another array is another matter.
+        self.logic.project(self.surface, volume)
+        self.logic.project(self.surface, volume, ProjectionChoice(1.0), "thin")
+        self.assertFalse(self.logic.hasOutdated(self.map))
+        self.logic.project(self.surface, volume, ProjectionChoice(1.0))
+        self.assertTrue(self.logic.hasOutdated(self.map))
+        self.assertFalse(any(node.GetDisplayVisibility() for node in drawn))
+        with tempfile.TemporaryDirectory() as folder:
+            with self.assertRaisesRegex(InputFileError, "intensities have changed"):
+                self.logic.exportMap(self.map, folder)
+        self.logic.measureFibrosis(self.map, "LGE", Rule("value", (120.0,)))
+        self.assertTrue(self.logic.hasOutdated(self.map))
+        self.logic.findGaps(self.map, "LGE", [120.0])
+        self.assertFalse(self.logic.hasOutdated(self.map))
 
     def test_theyAreExported(self):
         self.measure()
