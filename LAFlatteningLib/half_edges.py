@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from . import operators
 from .surface import FloatArray, IntArray, Surface
@@ -203,6 +204,23 @@ class HalfEdges:
         edge = self.ends(h)
         length = np.linalg.norm(self.points[edge[:, 0]] - self.points[edge[:, 1]], axis=1)
         return ends, np.abs(near - far)[seen] * length
+
+    def near_graph(self) -> sparse.csr_matrix:
+        """(n, n) symmetric lengths, mm, of the edges and of the straight ways across one edge (`diagonals`): ways in it
+        are far less jagged than along edges alone. Of several ways between two points, the shortest counts."""
+        h = np.flatnonzero(np.arange(len(self.twin)) > self.twin)
+        edges = self.ends(h)
+        across, far = self.diagonals()
+        one, other = np.concatenate([edges, across]).T
+        a, b = np.minimum(one, other), np.maximum(one, other)
+        lengths = np.concatenate([np.linalg.norm(self.points[edges[:, 0]] - self.points[edges[:, 1]], axis=1), far])
+        n = len(self.points)
+        key = a * n + b
+        order = np.argsort(key)
+        first = np.flatnonzero(np.diff(key[order], prepend=-1))
+        shortest = np.minimum.reduceat(lengths[order], first)
+        half = sparse.coo_matrix((shortest, (a[order[first]], b[order[first]])), shape=(n, n))
+        return (half + half.T).tocsr()
 
 
 def before(h: int) -> int:

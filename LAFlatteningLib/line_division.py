@@ -206,10 +206,10 @@ def _feet(rim: _Rim, connected: SeedPaths, template: Template, opening: str) -> 
         moved = {name: rim.coordinate(rim.position(feet[name])) for name in order}
         # Not onto one point of the rim.
         return moved if len(set(moved.values())) == len(moved) else {name: feet[name] for name in order}
-    # The order round the rim is that of the shortest ways, which has been checked. (Two are always in order.)
     first = rim.position(mean[order[0]])
     along = np.array([rim.ahead(mean[order[0]], mean[name]) for name in order])
-    if len(order) > 2:
+    if not (np.diff(along) >= 0.0).all():
+        # The order round the rim is that of the shortest ways, which has been checked. (Two are always in order.)
         along = np.array(
             [rim.ahead(feet[order[0]], feet[name]) + rim.between(feet[name], mean[name]) for name in order]
         )

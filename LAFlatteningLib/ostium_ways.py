@@ -107,10 +107,7 @@ class WaysAcrossOstia:
         self._rim_angles: dict[int, FloatArray] = {}
         corners = corner_angles(surface.points, surface.triangles)
         self._corner_sums = np.bincount(surface.triangles.reshape(-1), corners, minlength=n)
-        ends, lengths = self.mesh.diagonals()
-        half = sparse.coo_matrix((lengths, tuple(ends.T)), shape=(n, n))
-        # Both ways round a mesh edge are edges of the graph, and the ways straight across one: far less jagged paths.
-        self._graph = (surface.edge_graph + (half + half.T)).tocsr()
+        self._graph = self.mesh.near_graph()
         # With room for the edges of a seed.
         room = np.zeros(max([2, *map(len, cavity.rims)]))
         self._lengths = np.append(self._graph.data, room)

@@ -25,8 +25,8 @@ SAME_FOOT = 1e-6
 """Feet nearer to each other than this, in steps from point to point of the rim, are one."""
 FAR_SEED = 1.25
 """An outer seed whose path is longer than the shortest way to the rim by this factor makes a note (experts': 1.08)."""
-CLOSE_MM = 3.0
-"""Two outer seeds nearer to each other than this along the rim make a note (experts': 7 mm or more)."""
+CLOSE = 0.025
+"""Two outer seeds nearer to each other than this share of the rim (3 mm) make a note (experts': .06 or more)."""
 
 
 Feet = tuple[tuple[int, int, float], tuple[int, int, float]]
@@ -316,7 +316,7 @@ def _close_seeds(cavity: Cavity, seeds: SnappedSeeds, anatomy: Anatomy) -> tuple
     for one, other in zip(order, order[1:] + order[:1], strict=True):
         a, b = (float(np.interp(seeds.outer_at[label], np.arange(len(along)), along)) for label in (one, other))
         apart = min((b - a) % along[-1], (a - b) % along[-1])
-        if len(order) > 1 and apart < CLOSE_MM:
+        if len(order) > 1 and apart < CLOSE * along[-1]:
             notes.append(
                 f"{one} and {other} are {apart:.1f} mm apart along the {anatomy.outer} rim, so that hardly anything is "
                 f"left of the wall between them. Check {one} and {other}."

@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
 
 from .anatomy import Anatomy
@@ -75,10 +74,7 @@ def rim_centre(loop: FloatArray) -> FloatArray:
 
 def _distances(surface: Surface, rims: list[IntArray]) -> FloatArray:
     """(rims, n) distance of each point from each rim along edges and across pairs of triangles, mm."""
-    ends, lengths = HalfEdges.of(surface).diagonals()
-    n = len(surface.points)
-    across = sparse.coo_matrix((lengths, (ends[:, 0], ends[:, 1])), shape=(n, n))
-    graph = surface.edge_graph + (across + across.T).tocsr()
+    graph = HalfEdges.of(surface).near_graph()
     return np.stack([dijkstra(graph, indices=rim, min_only=True) for rim in rims])
 
 

@@ -84,6 +84,10 @@ class Cavity:
     def _locators(self) -> dict[int, vtkStaticCellLocator]:
         return {}
 
+    def __getstate__(self) -> dict[str, Any]:
+        # Maps go from process to process; objects of VTK cannot, and are made again.
+        return {name: value for name, value in self.__dict__.items() if name != "_locators"}
+
 
 def describe_loops(surface: Surface, loops: list[IntArray]) -> str:
     """A line for each rim: perimeter and centre, for messages."""

@@ -155,6 +155,8 @@ class Flattener:
                 "area. Remesh the surface evenly."
             ) from error
         report(progress, 1.0, "Done")
+        # Quick maps begin from it: nobody may change it.
+        flat.flags.writeable = False
         self._latest = FlatMap(
             flat,
             surface,

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
 
 from ..anatomy import Anatomy
@@ -142,11 +141,7 @@ def _within(data: MapData, reach: float, holes: Mapping[str, IntArray]) -> tuple
 
 def _distances(data: MapData, rims: list[IntArray]) -> list[FloatArray]:
     """(n,) mm of each point from each rim, along edges and straight across one edge at a time."""
-    surface = data.surface
-    diagonals, lengths = HalfEdges.of(surface).diagonals()
-    n = len(surface.points)
-    across = sparse.coo_matrix((lengths, tuple(diagonals.T)), shape=(n, n))
-    graph = surface.edge_graph + across + across.T
+    graph = HalfEdges.of(data.surface).near_graph()
     return [dijkstra(graph, indices=rim, min_only=True) for rim in rims]
 
 

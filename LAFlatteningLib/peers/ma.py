@@ -92,10 +92,7 @@ def equal_area_disk(disk: FloatArray, mass: FloatArray) -> FloatArray:
 
 def distances(surface: Surface, samples: IntArray) -> FloatArray:
     """(k, k) mm between some points (k,) of a surface, along edges and across pairs of triangles."""
-    ends, lengths = HalfEdges.of(surface).diagonals()
-    n = len(surface.points)
-    across = sparse.coo_matrix((lengths, (ends[:, 0], ends[:, 1])), shape=(n, n))
-    graph = surface.edge_graph + (across + across.T).tocsr()
+    graph = HalfEdges.of(surface).near_graph()
     # Row by row: all rows at once would hold 250 numbers a point.
     return np.stack([dijkstra(graph, indices=sample)[samples] for sample in samples])
 

@@ -8,6 +8,7 @@ import pytest
 
 from LAFlatteningLib import distortion, operators
 from LAFlatteningLib.errors import FoldError
+from LAFlatteningLib.flattening import refinement
 from LAFlatteningLib.flattening.descent import descend
 from LAFlatteningLib.flattening.energy import AREA, GUARDED_FROM, PatchEnergy, rest_shapes
 from LAFlatteningLib.flattening.untangling import untangle
@@ -132,6 +133,27 @@ def test_a_map_is_taken_to_its_minimum():
     energy = PatchEnergy(low, surface.triangles, rest, ~fixed, surface.triangle_areas / surface.triangle_areas.mean())
     left = energy.hessian(energy.start()).solve(energy.distortion(energy.start())[1])
     assert np.abs(left).max() < 1e-8 * 50.0
+
+
+def test_steps_go_on_until_the_minimum_is_reached(monkeypatch):
+    """Where Hessians are of no use yet, others follow, as often as it takes."""
+    surface, fixed = ring()
+    angle = np.linalg.norm(surface.points[:, :2], axis=1) / 50.0
+    turned = surface.points[:, :2].copy()
+    turned[~fixed] += 2.0 * np.stack([np.sin(9.0 * angle), np.cos(7.0 * angle)], axis=1)[~fixed]
+    by_hessians, calls = refinement._by_hessians, []
+
+    def late(energy, variables, order, still):
+        calls.append(len(variables))
+        if len(calls) <= 2:
+            return refinement._Settled(variables, False)
+        return by_hessians(energy, variables, order, still)
+
+    monkeypatch.setattr(refinement, "_by_hessians", late)
+    found = refinement.Refinement(turned, surface, ~fixed, 1.0).lower(turned)
+    assert len(calls) >= 3
+    # The flat ring itself is the minimum.
+    assert np.abs(found - surface.points[:, :2]).max() < 1e-5
 
 
 def test_the_identity_is_a_minimum():

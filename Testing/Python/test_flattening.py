@@ -1,6 +1,8 @@
 """The map: exact where the answer is known, free of folds everywhere, and true to the published one."""
 
+import copy
 import dataclasses
+import pickle
 import re
 from types import SimpleNamespace
 
@@ -426,6 +428,43 @@ def test_real_seeds_swapped_and_mirrored_are_refused(data_dir):
         flatten(mirrored, {label: at * flip for label, at in seeds.items()})
 
 
+def with_slivers(surface, count):
+    """The surface with points all but on edges that are inside it, so that each has two slivers."""
+    inner = np.flatnonzero(surface.edges.usage == 2)
+    on_rim = np.zeros(len(surface.points), bool)
+    for loop in surface.boundary_loops:
+        on_rim[loop] = True
+    inner = inner[~on_rim[surface.edges.points[inner]].any(axis=1)]
+    points, triangles, used = surface.points, [list(t) for t in surface.triangles.tolist()], set()
+    for edge in np.random.default_rng(0).permutation(inner):
+        sides = surface.edges.triangles[edge].tolist()
+        if used.intersection(sides):
+            continue
+        used.update(sides)
+        a, b = surface.edges.points[edge].tolist()
+        for side in sides:
+            corners = triangles[side]
+            k = next(k for k in range(3) if {corners[k], corners[(k + 1) % 3]} == {a, b})
+            first, second, third = corners[k], corners[(k + 1) % 3], corners[(k + 2) % 3]
+            triangles[side] = [len(points), second, third]
+            triangles.append([first, len(points), third])
+        points = np.concatenate([points, [points[a] + 1e-3 * (points[b] - points[a])]])
+        if len(used) >= 2 * count:
+            break
+    return Surface(points, np.array(triangles))
+
+
+def test_a_map_goes_from_process_to_process_and_cannot_be_changed(phantom, phantom_map):
+    made = Flattener(phantom.surface)
+    flat_map = made.flatten(phantom.seeds)
+    for other in (pickle.loads(pickle.dumps(flat_map)), copy.deepcopy(flat_map)):
+        assert np.array_equal(other.points, flat_map.points)
+        assert other.metrics["beta"] == flat_map.metrics["beta"]
+    # Quick maps begin from the last one.
+    with pytest.raises(ValueError, match="read-only"):
+        flat_map.points[:] *= 1.2
+
+
 def test_notes_say_what_to_look_at(phantom, phantom_map):
     assert phantom_map.notes == ()
     paper = flatten(phantom.surface, phantom.seeds, method="paper")
@@ -433,6 +472,10 @@ def test_notes_say_what_to_look_at(phantom, phantom_map):
     assert any("folded" in note for note in paper.notes)
     squashed = dataclasses.replace(phantom_map, solution=phantom_map.solution * [1.0, 0.02])
     assert any("stretched more than usual" in note for note in squashed.notes)
+    # Slivers along a few edges are no misplaced seeds.
+    slivers = flatten(with_slivers(phantom.surface, 60), phantom.seeds)
+    assert slivers.distortion_summary["dilatation"]["p99"] > 20.0
+    assert [note[:29] for note in slivers.notes] == ["The mesh has thin triangles, "]
     freed = dataclasses.replace(phantom_map, freed_path_points=np.array([3, 4]))
     assert any("2 path points had to leave their lines" in note for note in freed.notes)
     assert freed.metrics["notes"] == list(freed.notes)

@@ -7,6 +7,8 @@ import potpourri3d
 import pytest
 
 from LAFlatteningLib.geodesics import PathTree
+from LAFlatteningLib.half_edges import HalfEdges
+from LAFlatteningLib.surface import Surface
 
 # Edge paths are never shorter than the geodesic, and on meshes of near-equilateral triangles at most
 # 2 / sqrt(3) = 1.155 times as long (walking along two sides instead of across).
@@ -79,3 +81,19 @@ def test_unreachable_point_gives_none():
         np.concatenate([two.points, two.points + 9]), np.concatenate([two.triangles, two.triangles + len(two.points)])
     )
     assert PathTree(far.edge_graph, 0).to(len(two.points)) is None
+
+
+def test_of_several_ways_between_two_points_the_shortest_counts():
+    """Round a point of three triangles, each way straight across an edge has the ends of another edge."""
+    tip = np.array([[0.0, 0.0, 6.0]])
+    base = np.array([[np.cos(t), np.sin(t), 0.0] for t in 2.0 * np.pi * np.arange(3) / 3])
+    surface = Surface(np.concatenate([base, tip]), np.array([[0, 1, 3], [1, 2, 3], [2, 0, 3]]))
+    mesh = HalfEdges.of(surface)
+    across, lengths = mesh.diagonals()
+    graph = mesh.near_graph().toarray()
+    assert len(across) > 0
+    for a in range(4):
+        for b in range(4):
+            ways = [np.linalg.norm(surface.points[a] - surface.points[b])] if a != b else []
+            ways += [length for ends, length in zip(across.tolist(), lengths, strict=True) if set(ends) == {a, b}]
+            assert graph[a, b] == pytest.approx(min(ways) if a != b else 0.0)

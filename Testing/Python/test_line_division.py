@@ -1,6 +1,7 @@
 """Ways from seed to seed in the plane, where they are known, and the division that they make of the phantom."""
 
 from itertools import pairwise
+from types import SimpleNamespace
 
 import meshes
 import networkx
@@ -17,7 +18,7 @@ from LAFlatteningLib.geodesic_lines import Line, Place, straighten
 from LAFlatteningLib.geodesics import PathTree
 from LAFlatteningLib.half_edges import HalfEdges
 from LAFlatteningLib.insertion import Inserted, insert_lines
-from LAFlatteningLib.line_division import NEAR_POINT, _lead_between, _Rim, _sort_out, divide
+from LAFlatteningLib.line_division import NEAR_POINT, _feet, _lead_between, _Rim, _sort_out, divide
 from LAFlatteningLib.ostium_ways import WaysAcrossOstia, rim_place
 from LAFlatteningLib.phantom import make_phantom
 from LAFlatteningLib.seed_paths import _connect, connect_seeds
@@ -220,6 +221,24 @@ def test_places_on_rims():
             assert np.allclose((1.0 - place.share) * a + place.share * b, expected)
             assert place.share > 0 or mesh.origin[place.half_edge] == loop[k]
             assert place.share == 0 or mesh.twin[place.half_edge] < 0
+
+
+def test_means_in_order_count_even_where_shortest_ways_leave_past_each_other():
+    """Near its rim a seed's shortest ways may leave past one another, in an order that is still one round the rim."""
+    surface = meshes.annulus(6.0, 20.0, 6, 54)
+    loop = next(loop for loop in surface.boundary_loops if np.linalg.norm(surface.points[loop[0]]) < 7.0)
+    rim = _Rim(surface, HalfEdges.of(surface), loop, False)
+    order = LEFT_ATRIUM.feet("LIPV")
+    mean = dict(zip(order, (21.3, 29.9, 34.7), strict=True))
+    feet = dict(zip(order, (34.75, 30.87, 33.0), strict=True))
+    found, usual = (
+        _feet(rim, SimpleNamespace(feet={"LIPV": one}, mean_feet={"LIPV": mean}), TEMPLATE, "LIPV")
+        for one in (feet, mean)
+    )
+    assert found == pytest.approx(usual)
+    # In order, once round.
+    steps = [(found[b] - found[a]) % len(loop) for a, b in pairwise([*order, order[0]])]
+    assert sum(steps) == pytest.approx(len(loop))
 
 
 def test_feet_at_one_place_are_not_once_round_apart():

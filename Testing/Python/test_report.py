@@ -234,7 +234,7 @@ def test_what_was_mended_and_is_doubtful_comes_first(run_folder):
     page = Page(write_run_report(run_folder).read_text(encoding="utf-8"))
     for words in (*content["repairs"], *content["notes"], "not sure which opening is which"):
         assert page.text.index(words) < page.text.index("Quality of the map")
-    assert ["RSPV", "cut at its ostium, found by rule", "48.6", "3.0", "26, 44, 80"] in page.rows
+    assert ["RSPV", "cut at its ostium, found by rule", "48.6", "–", "3.0", "26, 44, 80"] in page.rows
     assert "77.2 cm2 of wall and 57 ml" in page.text
 
 
