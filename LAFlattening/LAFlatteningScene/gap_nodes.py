@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from vtk.util.numpy_support import numpy_to_vtk
 
 from LAFlatteningLib import MapData
+from LAFlatteningLib.gaps.places import WIDE_MM
 from LAFlatteningLib.gaps.quantification import Encirclement, FoundGap, GapReport
 from LAFlatteningLib.projection import outward_normals
 from LAFlatteningLib.surface import UNKNOWN
@@ -41,6 +42,7 @@ def gapColumns(report: GapReport) -> dict[str, list[str] | np.ndarray]:
         "Scar length (mm)": np.array([ring.scar_length_mm for _, _, ring in rows]),
         "RGM (0 complete to 1)": np.array([ring.rgm for _, _, ring in rows]),
         "Gaps": np.array([len(ring.gaps) for _, _, ring in rows], np.int32),
+        f"Of {WIDE_MM:g} mm or more": np.array([ring.wide_gaps for _, _, ring in rows], np.int32),
         "No value (% of the area)": np.array([100.0 * ring.unknown_share for _, _, ring in rows]),
     }
 

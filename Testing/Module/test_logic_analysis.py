@@ -297,6 +297,7 @@ class GapTest(AnalysisCase):
         np.testing.assert_allclose(column(table, "Gap length"), [ring.gap_length_mm for ring in rings], atol=0.05)
         np.testing.assert_allclose(column(table, "RGM"), [ring.rgm for ring in rings], atol=1e-3)
         self.assertEqual(column(table, "Gaps"), [len(ring.gaps) for ring in rings])
+        self.assertEqual(column(table, "Of 3 mm"), [sum(gap.length_mm >= 3.0 for gap in ring.gaps) for ring in rings])
 
     def test_axesThatAreNotThePatientsAreNotNamed(self):
         def columnsOf(mapNode):
