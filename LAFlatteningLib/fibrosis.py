@@ -37,7 +37,7 @@ _NAMES = {
     ("below", 2): ("normal", "low", "very low"),
 }
 _VOLTAGE_NAMES = {1: ("normal", "low"), 2: ("normal", "low", "scar")}
-"""Of classes of bipolar voltage: below .5 mV is low, below .1 mV is scar, by common thresholds."""
+"""Of classes of voltage, see `rules.LOW_VOLTAGE_MV`."""
 
 
 @dataclass(frozen=True)

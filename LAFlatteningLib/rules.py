@@ -16,6 +16,8 @@ from .errors import LAFlatteningError
 
 RULES = ("iir", "sd", "value")
 DIRECTIONS = ("above", "below")
+LOW_VOLTAGE_MV = (0.5, 0.1)
+"""Common thresholds of bipolar voltage, mV: below the first it is low, below the second scar."""
 
 
 @dataclass(frozen=True)

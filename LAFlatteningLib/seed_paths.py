@@ -26,7 +26,7 @@ SAME_FOOT = 1e-6
 FAR_SEED = 1.25
 """An outer seed whose path is longer than the shortest way to the rim by this factor makes a note (experts': 1.08)."""
 CLOSE = 0.025
-"""Two outer seeds nearer to each other than this share of the rim (3 mm) make a note (experts': .06 or more)."""
+"""Two outer seeds nearer to each other than this share of the rim (3 mm) make a note (experts': .1 or more)."""
 
 
 Feet = tuple[tuple[int, int, float], tuple[int, int, float]]

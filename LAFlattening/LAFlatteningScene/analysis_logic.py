@@ -21,6 +21,7 @@ from LAFlatteningLib.parcellation import builtin_parcellations, parcels_of
 from LAFlatteningLib.progress import ProgressCallback, part, report
 from LAFlatteningLib.projection import DEPTH_MM, LGE_ARRAY, Projection
 from LAFlatteningLib.quantities import is_voltage, unit_of
+from LAFlatteningLib.rules import LOW_VOLTAGE_MV
 
 from .class_colours import classColours
 from .colouring import CELL_DATA, POINT_DATA, colourBy, colourChoices, colouredBy
@@ -43,8 +44,8 @@ DEFAULT_THRESHOLDS = {"iir": "1.2, 1.32", "sd": "2.3, 3.3", "value": ""}
 """Of each rule, for enhancement: ratios as in use for LGE-MRI, standard deviations as other programs begin with."""
 LABEL_ARRAYS = (REGION_ARRAY, HOLE_ARRAY)
 PARCELLATIONS = builtin_parcellations()
-VOLTAGE_THRESHOLDS = "0.5, 0.1"
-"""mV, of bipolar voltage: low, scar."""
+VOLTAGE_THRESHOLDS = ", ".join(f"{level:g}" for level in LOW_VOLTAGE_MV)
+"""As they stand in the panel."""
 
 BLOOD_POOL_TEXT = "LAFlattening.bloodPool"
 """Attribute of the fibrosis table: what the wall was compared with, in words."""

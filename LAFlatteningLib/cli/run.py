@@ -26,6 +26,7 @@ from ..preparation import Preparation, prepare
 from ..progress import part
 from ..projection import project
 from ..quantities import bipolar_array, diseased_side
+from ..rules import LOW_VOLTAGE_MV
 from ..run_report import write_run_report
 from ..scalar_arrays import corner_values
 from ..surface import Surface
@@ -52,7 +53,7 @@ ARRAY = "LGE"
 """Point array of the projected intensities."""
 BY_TEMPLATE = "vein_surroundings"
 """Parcellation in which gaps are looked for where `SEARCH_MM` is too much."""
-DEFAULT_RULE, VOLTAGE_RULE = "sd=2.3,3.3", "value=0.5,0.1"
+DEFAULT_RULE, VOLTAGE_RULE = "sd=2.3,3.3", "value=" + ",".join(f"{level:g}" for level in LOW_VOLTAGE_MV)
 """Common classes of fibrosis that hold for intensities on any scale, and of bipolar voltage, in mV."""
 
 

@@ -96,7 +96,7 @@ def _check_name(path: PathLike) -> None:
         os.fspath(path).encode("utf-8")
     except UnicodeEncodeError:
         raise InputFileError(
-            f'The name "{os.fspath(path)!a}" is not in UTF-8, the usual code for names of files. Rename the file.'
+            f"The name {os.fspath(path)!a} is not in UTF-8, the usual code for names of files. Rename the file."
         ) from None
 
 

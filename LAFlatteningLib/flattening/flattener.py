@@ -79,7 +79,8 @@ class Flattener:
         self.template = template if isinstance(template, Template) else Template.load(template)
         self.method = method
         self.rounding = rounding
-        self.check_axes = check_axes
+        # Copies without the surface's own word go by it, too.
+        self.check_axes = check_axes and surface.axes_known
         self._prepared: tuple[Cavity, Surface, int] | None = None
         self._ways: WaysAcrossOstia | None = None
         self._is_copy = False

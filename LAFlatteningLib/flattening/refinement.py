@@ -40,7 +40,7 @@ BY_PARTS = 5000
 LAST_STEPS = 40
 """Most quasi-Newton steps where that does not end."""
 AGAIN = 4
-"""Most times that these are taken, and Hessians tried again. (On 300,000 points of a real atrium, twice.)"""
+"""Most times that these are taken, and Hessians tried again. (On 100,000 points of a real atrium, at most twice.)"""
 STILL = 2e-4
 """Of these, stop once one moves no point by more than this share of the map's radius. (Before, steps may be short
 because a triangle is all but folded.)"""

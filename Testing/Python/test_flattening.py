@@ -18,7 +18,7 @@ from LAFlatteningLib.anatomy import LEFT_ATRIUM
 from LAFlatteningLib.division import label_regions
 from LAFlatteningLib.errors import Cancelled, LAFlatteningError
 from LAFlatteningLib.files import read_seeds, read_surface
-from LAFlatteningLib.flattening import Flattener, flatten
+from LAFlatteningLib.flattening import Flattener, flatten, refinement
 from LAFlatteningLib.flattening.chords import flip_chords, flip_folded
 from LAFlatteningLib.phantom import make_phantom
 from LAFlatteningLib.remeshing import remesh
@@ -601,6 +601,26 @@ def test_path_points_are_freed_where_every_other_start_fails(phantom, monkeypatc
     assert len(calls) == 2
     assert len(flat_map.freed_path_points) == 3
     assert not len(flat_map.folded_triangles)
+
+
+@pytest.mark.parametrize("how", ["marked", "ignored"])
+def test_unknown_axes_hold_for_the_coarse_copy_too(how, monkeypatch):
+    """An atrium in other axes: its map begins with that of the copy, and quick maps are of the copy."""
+    phantom = make_phantom(3000)
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    surface = Surface(phantom.surface.points @ turn.T, phantom.surface.triangles)
+    seeds = {label: turn @ place for label, place in phantom.seeds.items()}
+    with pytest.raises(LAFlatteningError, match="By the axes of the surface"):
+        flatten(surface, seeds)
+    made = Flattener(surface.with_unknown_axes()) if how == "marked" else Flattener(surface, check_axes=False)
+    started = []
+    follow = refinement.Refinement.follow
+    monkeypatch.setattr(
+        refinement.Refinement, "follow", lambda self, *given: started.append(len(given[0])) or follow(self, *given)
+    )
+    flat_map = made.flatten(seeds)
+    assert max(started) >= len(surface.points)
+    assert np.abs(made.preview(seeds).points - flat_map.points).max() < 1e-9
 
 
 def test_flips_are_counted():
