@@ -30,6 +30,7 @@ from .plane_nodes import (
     suggestedOf,
 )
 from .raw_input import versionOf
+from .scene_end import stopWithScene
 
 if TYPE_CHECKING:
     from LAFlattening import LAFlatteningLogic, LAFlatteningParameterNode
@@ -135,8 +136,7 @@ class CutPreview(VTKObservationMixin):
         self.addObserver(parameterNode, vtk.vtkCommand.ModifiedEvent, self._onScene)
         self.addObserver(scene, scene.NodeAddedEvent, self._onNodeAdded)
         self.addObserver(scene, scene.NodeRemovedEvent, self._onScene)
-        for event in (scene.StartCloseEvent, scene.StartImportEvent):
-            self.addObserver(scene, event, lambda *_: self.stop())
+        stopWithScene(self)
         self._throttle.requestLater()
 
     def stop(self) -> None:

@@ -20,6 +20,7 @@ from .openings import hideOpenings, openingsNode, showOpenings
 from .overlay import overlayOf, updateOverlay
 from .quality_nodes import qualityNodesOf
 from .result_nodes import HIDDEN, drawnOnMap, resultsOf
+from .scene_end import stopWithScene
 from .seed_nodes import seedPositions
 from .surface_nodes import Settings
 from .views import ATRIUM_VIEW, MAP_VIEW, MapView, Visibility, threeDView, viewNode
@@ -65,8 +66,7 @@ class LinkedViews(VTKObservationMixin):
         self.addObserver(parameterNode, vtk.vtkCommand.ModifiedEvent, self._onChange)
         self.addObserver(scene, scene.NodeAboutToBeRemovedEvent, self._onNodeAboutToBeRemoved)
         self.addObserver(scene, scene.NodeRemovedEvent, self._onChange)
-        for event in (scene.StartCloseEvent, scene.StartImportEvent):
-            self.addObserver(scene, event, lambda *_: self.stop())
+        stopWithScene(self)
         self.update()
 
     def stop(self) -> None:

@@ -13,6 +13,7 @@ from LAFlatteningLib import LAFlatteningError
 from LAFlatteningLib.projection import Projection
 
 from .long_action import LOOK_AGAIN
+from .scene_end import stopWithScene
 from .throttle import Throttle
 
 if TYPE_CHECKING:
@@ -36,9 +37,7 @@ class LiveProjection(VTKObservationMixin):
         self._followed: tuple[slicer.vtkMRMLTransformableNode, ...] = ()
         self._done = self._state()
         self.addObserver(parameterNode, vtk.vtkCommand.ModifiedEvent, self._onChange)
-        scene = slicer.mrmlScene
-        for event in (scene.StartCloseEvent, scene.StartImportEvent):
-            self.addObserver(scene, event, lambda *_: self.stop())
+        stopWithScene(self)
         self._follow()
 
     def stop(self) -> None:

@@ -18,6 +18,7 @@ from .long_action import LOOK_AGAIN
 from .map_making import chooseMap
 from .map_nodes import isMapOf, refuseCopy
 from .result_nodes import FINGERPRINT
+from .scene_end import stopWithScene
 from .seed_nodes import (
     Positions,
     SeedHistory,
@@ -93,8 +94,7 @@ class LiveUpdate(VTKObservationMixin):
         self.history = SeedHistory()
         self.addObserver(parameterNode, vtk.vtkCommand.ModifiedEvent, self._onParameters)
         scene = slicer.mrmlScene
-        for event in (scene.StartCloseEvent, scene.StartImportEvent):
-            self.addObserver(scene, event, lambda *_: self.stop())
+        stopWithScene(self)
         self.addObserver(scene, scene.NodeRemovedEvent, self._onParameters)
         self._follow()
         self._requestSettle()

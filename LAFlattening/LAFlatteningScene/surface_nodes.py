@@ -81,6 +81,7 @@ def surfaceOf(modelNode: slicer.vtkMRMLModelNode | None) -> Surface:
     bare.SetPoints(polydata.GetPoints())
     bare.SetPolys(polydata.GetPolys())
     bare.SetStrips(polydata.GetStrips())
+    bare.SetFieldData(polydata.GetFieldData())
     checked = Surface.from_polydata(bare, "RAS")
     hole = polydata.GetPointData().GetArray(HOLE_ARRAY)
     surface = Surface(
@@ -90,8 +91,7 @@ def surfaceOf(modelNode: slicer.vtkMRMLModelNode | None) -> Surface:
         {CELL_ID_ARRAY: np.arange(len(checked.triangles))},
         space="RAS",
     )
-    bare.SetFieldData(polydata.GetFieldData())
-    return surface if Surface.from_polydata(bare, "RAS").axes_known else surface.with_unknown_axes()
+    return surface if checked.axes_known else surface.with_unknown_axes()
 
 
 def sameGeometry(a: Surface, b: Surface) -> bool:

@@ -15,6 +15,7 @@ from LAFlatteningLib import LAFlatteningError, Template, TemplateError, distorti
 
 from .live_update import Scheduler
 from .map_nodes import refuseCopy, settingsOf, writeMap
+from .scene_end import stopWithScene
 from .seed_nodes import nextSeed, seedPositions
 from .surface_nodes import Settings
 from .template_handles import Handle, HandlesNode
@@ -78,9 +79,7 @@ class TemplateEditor(VTKObservationMixin):
         self._now = parameterNode.template
         self._base = self._now
         self.addObserver(parameterNode, vtk.vtkCommand.ModifiedEvent, self._onParameters)
-        scene = slicer.mrmlScene
-        for event in (scene.StartCloseEvent, scene.StartImportEvent):
-            self.addObserver(scene, event, lambda *_: self.stop())
+        stopWithScene(self)
         self._follow()
 
     def stop(self) -> None:
