@@ -320,15 +320,9 @@ class Surface:
                 "Expected a triangle mesh of an atrium."
             )
         polys = polydata.GetPolys()
-        offsets = vtk_to_numpy(polys.GetOffsetsArray())
-        sizes = np.diff(offsets)
-        if (sizes != 3).any():
-            raise SurfaceError(
-                f"{np.count_nonzero(sizes != 3)} of {len(sizes)} faces are not triangles "
-                f"(one has {sizes[sizes != 3][0]} corners). Triangulate the surface first "
-                "(in Slicer: Surface Toolbox)."
-            )
-        triangles = vtk_to_numpy(polys.GetConnectivityArray()).reshape(-1, 3)
+        triangles = triangles_of_cells(
+            vtk_to_numpy(polys.GetOffsetsArray()), vtk_to_numpy(polys.GetConnectivityArray())
+        )
         points = vtk_to_numpy(polydata.GetPoints().GetData())
         # Cells are numbered vertices, lines, polygons, strips.
         first = polydata.GetNumberOfVerts() + polydata.GetNumberOfLines()
@@ -359,6 +353,28 @@ class Surface:
         _arrays_to_vtk(self.cell_data, polydata.GetCellData())
         _arrays_to_vtk(self.field_data, polydata.GetFieldData())
         return polydata
+
+
+def triangles_of_cells(offsets: IntArray, corners: IntArray) -> IntArray:
+    """Polygons as VTK stores them, taken for triangles.
+
+    Parameters
+    ----------
+    offsets : (m + 1,) where the corners of each polygon begin, and where those of the last end.
+    corners : (offsets[-1],) point ids.
+
+    Raises
+    ------
+    SurfaceError : not all of them are triangles.
+    """
+    sizes = np.diff(offsets)
+    if (sizes != 3).any():
+        raise SurfaceError(
+            f"{np.count_nonzero(sizes != 3)} of {len(sizes)} faces are not triangles "
+            f"(one has {sizes[sizes != 3][0]} corners). Triangulate the surface first "
+            "(in Slicer: Surface Toolbox)."
+        )
+    return corners.reshape(-1, 3)
 
 
 def _arrays_from_vtk(attributes: vtkFieldData) -> dict[str, Array]:

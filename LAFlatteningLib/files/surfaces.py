@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from vtkmodules.vtkCommonCore import VTK_STRING, vtkEventForwarderCommand, vtkStringArray
+from vtkmodules.vtkCommonCore import VTK_STRING, vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkPolyData
 from vtkmodules.vtkCommonExecutionModel import vtkAlgorithm
 from vtkmodules.vtkIOGeometry import vtkSTLReader, vtkSTLWriter
 from vtkmodules.vtkIOLegacy import vtkPolyDataWriter
-from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLPolyDataWriter
+from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
 from ..errors import InputFileError, SurfaceError
 from ..quantities import NO_VALUE, measured, unit_of
@@ -33,6 +33,7 @@ from .carto import read_carto
 from .legacy_vtk import read_vtk
 from .openep import read_openep
 from .ply_obj import read_obj, read_ply, write_obj, write_ply
+from .vtp import read_vtp
 
 
 def read_surface(path: PathLike) -> Surface:
@@ -157,31 +158,6 @@ def _escape_names(polydata: vtkPolyData, path: Path) -> None:
             data.GetAbstractArray(k).SetName(escape(name))
 
 
-def _read_vtp(path: Path) -> Surface:
-    with path.open("rb") as file:
-        head = file.read(1 << 16)
-    kind = re.search(rb"<VTKFile[^>]*\stype\s*=\s*[\"'](\w+)", head)
-    if not kind:
-        raise unreadable(path, "it is not a VTK XML file (it has no VTKFile element)")
-    if kind[1] != b"PolyData":
-        raise unreadable(path, f"it holds {kind[1].decode()}, expected PolyData")
-    # VTK ends the whole program if it cannot get the memory that a damaged count asks for.
-    most = 1000 * path.stat().st_size
-    for name, count in re.findall(rb"\s(NumberOf\w+)\s*=\s*[\"']([^\"']*)", head):
-        if not count.strip().isdigit() or len(count) > 18 or int(count) > most:
-            raise unreadable(path, f"{name.decode()} is {count.decode('latin-1')}, which is impossible")
-    reader = vtkXMLPolyDataReader()
-    forward = vtkEventForwarderCommand()
-    forward.SetTarget(reader)
-    reader.SetParserErrorObserver(forward)
-    polydata = _run_reader(reader, path)
-    tag = polydata.GetFieldData().GetAbstractArray("SPACE")
-    declared = _text(tag.GetValue(0)) if isinstance(tag, vtkStringArray) and tag.GetNumberOfValues() else ""
-    if isinstance(tag, vtkStringArray):
-        polydata.GetFieldData().RemoveArray("SPACE")
-    return Surface.from_polydata(polydata, "RAS" if "RAS" in declared else "LPS")
-
-
 def _read_stl(path: Path) -> Surface:
     size = path.stat().st_size
     with path.open("rb") as file:
@@ -223,7 +199,7 @@ def _write_stl(surface: Surface, path: Path) -> None:
 
 
 _READERS = {
-    **{".vtp": _read_vtp, ".vtk": read_vtk, ".stl": _read_stl, ".ply": read_ply, ".obj": read_obj},
+    **{".vtp": read_vtp, ".vtk": read_vtk, ".stl": _read_stl, ".ply": read_ply, ".obj": read_obj},
     **{".mesh": read_carto, ".mat": read_openep},
 }
 _WRITERS = {".vtp": _write_vtp, ".vtk": _write_vtk, ".stl": _write_stl, ".ply": write_ply, ".obj": write_obj}

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import sys
 from pathlib import Path
 
 import pytest
-
-# Before VTK: loaded after it, the libraries of h5py can make VTK's XML reader crash on damaged files.
-with contextlib.suppress(ImportError):
-    import h5py  # noqa: F401
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "Testing" / "Host"))
