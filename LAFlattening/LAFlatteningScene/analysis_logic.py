@@ -34,7 +34,7 @@ from .long_action import longAction, refuseWhileBusy, whileChosen
 from .map_nodes import SURFACE_ROLE, copyArrays, mapsOf
 from .map_reading import mapDataOf, stateOf, withParcels, writeHow
 from .raw_input import versionOf
-from .result_nodes import hasOutdated, noteArray, outdateResultsOf, removeResults, resultOf, resultsOf
+from .result_nodes import hasOutdated, noteArray, noteOther, outdateResultsOf, removeResults, resultOf, resultsOf
 from .surface_nodes import surfaceOf
 
 if TYPE_CHECKING:
@@ -384,6 +384,7 @@ class AnalysisLogic:
         table = writeComparison(mapNode, surfaceNode, data, found, otherMapNode.GetName())
         table.SetDescription("\n".join(found.notes))
         noteArray(mapNode, array, COMPARISON)
+        noteOther(table, otherMapNode, otherArray)
         return table
 
     def compareParameters(self, parameterNode: LAFlatteningParameterNode) -> slicer.vtkMRMLTableNode:

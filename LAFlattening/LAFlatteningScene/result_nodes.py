@@ -18,6 +18,12 @@ MADE_FOR, HIDDEN = "LAFlattening.madeFor", "LAFlattening.hiddenAsOutdated"
 OF_ARRAY, OTHER_VALUES = "LAFlattening.measuredArray", "other values"
 """Attribute of a result: the array of the atrium that it was read off; and what `MADE_FOR` says where that has other
 values now."""
+COMPARED_WITH, OTHER_MADE_FOR, OTHER_ARRAY = (
+    "LAFlattening.comparedWith",
+    "LAFlattening.otherMadeFor",
+    "LAFlattening.otherArray",
+)
+"""Node reference from a result to a second map that it is of; attributes: that map's fingerprint and array then."""
 KIND, ON_MAP = "LAFlattening.result", "LAFlattening.onMap"
 """Attributes of a result: what it is, and whether it is drawn on the map (and not on the atrium)."""
 
@@ -74,8 +80,17 @@ def hideOutdated(mapNode: ModelNode) -> None:
 
 
 def isCurrent(mapNode: ModelNode, result: slicer.vtkMRMLNode) -> bool:
-    """Whether a result is of the map as it is now."""
-    return result.GetAttribute(MADE_FOR) == (mapNode.GetAttribute(FINGERPRINT) or "")
+    """Whether a result is of the map as it is now, and of the map that it was compared with, where that is left."""
+    other = result.GetNodeReference(COMPARED_WITH)
+    isOfOther = other is None or result.GetAttribute(OTHER_MADE_FOR) == (other.GetAttribute(FINGERPRINT) or "")
+    return isOfOther and result.GetAttribute(MADE_FOR) == (mapNode.GetAttribute(FINGERPRINT) or "")
+
+
+def noteOther(result: slicer.vtkMRMLNode, otherMapNode: ModelNode, array: str) -> None:
+    """Say that a result is of a second map, too, and of which of its arrays."""
+    result.SetNodeReferenceID(COMPARED_WITH, otherMapNode.GetID())
+    result.SetAttribute(OTHER_MADE_FOR, otherMapNode.GetAttribute(FINGERPRINT) or "")
+    result.SetAttribute(OTHER_ARRAY, array)
 
 
 def noteArray(mapNode: ModelNode, array: str, *kinds: str) -> None:
@@ -86,10 +101,13 @@ def noteArray(mapNode: ModelNode, array: str, *kinds: str) -> None:
 
 
 def outdateResultsOf(mapNode: ModelNode, array: str) -> None:
-    """What was read off an array is outdated, because that has other values now."""
-    for node in resultsOf(mapNode):
-        if node.GetAttribute(OF_ARRAY) == array:
-            node.SetAttribute(MADE_FOR, OTHER_VALUES)
+    """What was read off an array is outdated, because that has other values now; comparisons of others with it, too."""
+    results = [node for node in resultsOf(mapNode) if node.GetAttribute(OF_ARRAY) == array]
+    for table in slicer.util.getNodesByClass("vtkMRMLTableNode", mapNode.GetScene()):
+        if table.GetNodeReference(COMPARED_WITH) is mapNode and table.GetAttribute(OTHER_ARRAY) == array:
+            results.append(table)
+    for node in results:
+        node.SetAttribute(MADE_FOR, OTHER_VALUES)
     hideOutdated(mapNode)
 
 

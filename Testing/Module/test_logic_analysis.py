@@ -385,6 +385,27 @@ class ComparisonTest(AnalysisCase):
         self.assertGreater(np.nanmedian(difference[inside]), 45.0)
         self.assertLess(abs(np.nanmedian(difference[~inside])), 1.0)
 
+    def test_outdatedWhereTheOtherMapOrItsImageChanges(self):
+        volume, other = addVolume(), addAtrium("Other")
+        for surface in (self.surface, other):
+            self.logic.project(surface, volume)
+        otherMap = self.logic.flatten(other, self.seeds)
+        table = self.logic.compare(self.map, otherMap, "LGE", "LGE")
+        self.logic.project(other, volume)
+        self.assertFalse(self.logic.hasOutdated(self.map), "the same values again")
+        self.logic.project(other, volume, ProjectionChoice(depth=1.0))
+        self.assertTrue(self.logic.hasOutdated(self.map))
+        table = self.logic.compare(self.map, otherMap, "LGE", "LGE")
+        self.assertFalse(self.logic.hasOutdated(self.map))
+        self.logic.flatten(other, self.seeds, otherMap, "adapted2")
+        self.assertTrue(self.logic.hasOutdated(self.map))
+        # What was measured stays true of a map that is gone.
+        self.logic.flatten(other, self.seeds, otherMap)
+        self.logic.compare(self.map, otherMap, "LGE", "LGE")
+        slicer.mrmlScene.RemoveNode(otherMap)
+        self.assertFalse(self.logic.hasOutdated(self.map))
+        self.assertEqual(self.logic.comparisonTable(self.map), table)
+
     def test_notWithItself(self):
         with self.assertRaisesRegex(LAFlatteningError, "with itself"):
             self.logic.compare(self.map, self.map, "LGE", "LGE")
