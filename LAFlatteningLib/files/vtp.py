@@ -25,7 +25,7 @@ _RAW_DATA = re.compile(rb"<AppendedData\s[^>]*encoding\s*=\s*[\"']raw[\"'][^>]*>
 _UNFINISHED = (3, 5, 6)
 _TYPES = {
     **{"Int8": "i1", "Int16": "i2", "Int32": "i4", "Int64": "i8", "Float32": "f4", "Float64": "f8"},
-    **{"UInt8": "u1", "UInt16": "u2", "UInt32": "u4", "UInt64": "u8", "Bit": "u1", "String": "i1"},
+    **{"UInt8": "u1", "UInt16": "u2", "UInt32": "u4", "UInt64": "u8", "Bit": "u1", "String": "u1"},
 }
 # The order in which cells of the four kinds are numbered.
 _CELLS = ("Verts", "Lines", "Polys", "Strips")
@@ -58,6 +58,7 @@ def read_vtp(path: Path) -> Surface:
         raise unreadable(path, f"it is {state} (XML: {error})") from error
     except _DocumentType as error:
         raise unreadable(path, "it declares a document type, which no file of VTK does") from error
+    _tidy(root)
     if root.tag != "VTKFile" or root.get("type") != "PolyData":
         raise unreadable(path, f"it holds {root.get('type', root.tag)}, expected PolyData")
     try:
@@ -81,6 +82,13 @@ class _NoDocumentType(ElementTree.TreeBuilder):
         raise _DocumentType
 
 
+def _tidy(root: ElementTree.Element) -> None:
+    """Take away namespaces, which many programs declare, and arrays of other time steps than the first."""
+    for element in root.iter():
+        element.tag = element.tag.rpartition("}")[2]
+        element[:] = [child for child in element if "0" in child.get("TimeStep", "0").split()]
+
+
 class _XmlFile:
     """The elements of a file, and how its values are stored."""
 
@@ -91,7 +99,7 @@ class _XmlFile:
         self.word = self.word.newbyteorder(self.order)
         self.unpack = _known(root, "compressor", _COMPRESSORS, "")
         self.is_raw = raw is not None
-        self.appended = raw if raw is not None else _text(root.find("AppendedData")).lstrip()[1:].encode()
+        self.appended = raw if raw is not None else _text(root.find("AppendedData")).strip().removeprefix("_").encode()
 
     def surface(self) -> Surface:
         """Read all pieces."""
@@ -109,8 +117,8 @@ class _XmlFile:
         return Surface(
             points,
             np.concatenate([np.zeros((0, 3), np.int64), *triangles]),
-            _joined([piece[2] for piece in pieces]),
-            _joined([piece[3] for piece in pieces]),
+            _joined([piece[2] for piece in pieces if len(piece[0])]),
+            _joined([piece[3] for piece in pieces if len(piece[1])]),
             field,
             "RAS" if tag.dtype == object and len(tag) and "RAS" in tag[0] else "LPS",
         )
@@ -121,7 +129,7 @@ class _XmlFile:
         points = np.zeros((0, 3))
         if count:
             element = _child(_child(piece, "Points"), "DataArray")
-            if element.get("NumberOfComponents") != "3":
+            if int(element.get("NumberOfComponents", "1")) != 3:
                 raise ValueError(f"its points have {element.get('NumberOfComponents', '1')} coordinates, expected 3")
             points = self._values(element, 3 * count, "the array of points").reshape(-1, 3)
         counts = [int(piece.get(f"NumberOf{kind}", "0")) for kind in _CELLS]
@@ -150,6 +158,9 @@ class _XmlFile:
         result: dict[str, NDArray] = {}
         for number, element in enumerate(section if section is not None else ()):
             name = element.get("Name") or f"array_{number}"
+            # Of several with one name, VTK reads the first.
+            if name in result:
+                continue
             what = f'the array "{name}"'
             components = int(element.get("NumberOfComponents") or 1)
             count = tuples if tuples is not None else element.get("NumberOfTuples")
@@ -168,9 +179,11 @@ class _XmlFile:
         if count == 0:
             return np.zeros(0, object if kind == "String" else dtype)
         size = None if count is None or kind == "String" else count * dtype.itemsize
-        if element.get("format") == "ascii":
+        if _form(element) == "ascii":
+            # Letters beyond ASCII are negative numbers where C's char has a sign.
+            parsed = np.int16 if kind == "String" else dtype
             with np.errstate(over="ignore"):
-                values = np.array(_text(element).split(), dtype)
+                values = np.array(_text(element).split(), parsed).astype(dtype, copy=False)
         else:
             if kind == "Bit" and count is not None:
                 size = (count + 7) // 8
@@ -179,14 +192,16 @@ class _XmlFile:
                 values = np.unpackbits(values, count=count)
         if kind == "String":
             # Each string ends with a zero.
-            values = np.array([word.decode() for word in values.tobytes().split(b"\0")[:-1]], dtype=object)
+            values = np.array(
+                [word.decode(errors="replace") for word in values.tobytes().split(b"\0")[:-1]], dtype=object
+            )
         if count is not None and len(values) != count:
             raise ValueError(f"{what} has {len(values)} values, expected {count}")
         return values
 
     def _bytes(self, element: ElementTree.Element, size: int | None, what: str) -> bytes:
         """What an array holds, unpacked: ``size`` bytes, or as many as its header says."""
-        form = element.get("format")
+        form = _form(element)
         if form == "appended":
             place = int(element.get("offset", "-1"))
             if not 0 <= place < len(self.appended):
@@ -203,6 +218,9 @@ class _XmlFile:
         if self.unpack is None:
             (found,) = stream.peek(self.word, 1)
             self._check_size(found, size, what)
+            if stream.ends_after(self.word.itemsize):
+                stream.take(self.word.itemsize)
+                return stream.take(found)
             return stream.take(self.word.itemsize + found)[self.word.itemsize :]
         (blocks,) = stream.peek(self.word, 1)
         if not blocks:
@@ -242,6 +260,10 @@ class _Stream:
         length = size if self.is_raw else -(-size // 3) * 4
         part = self._part(length)
         return np.frombuffer(part if self.is_raw else b64decode(part, validate=True), word, count).tolist()
+
+    def ends_after(self, size: int) -> bool:
+        """Whether a run ends after these bytes: some programs write the header of values as a run of its own."""
+        return not self.is_raw and self._part(-(-size // 3) * 4).endswith(b"=" * (-size % 3))
 
     def take(self, size: int) -> bytes:
         """The next bytes, which are one run."""
@@ -302,6 +324,11 @@ def _known(element: ElementTree.Element, attribute: str, values: dict[str, Any],
     if text not in values:
         raise ValueError(f"{attribute} is {text}, expected {', '.join(filter(None, values))}")
     return values[text]
+
+
+def _form(element: ElementTree.Element) -> str:
+    """How an array is stored: in the appended data if it has a place there, as VTK reads it; else text by default."""
+    return "appended" if element.get("offset") is not None else element.get("format", "ascii").lower()
 
 
 def _child(element: ElementTree.Element, tag: str) -> ElementTree.Element:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import struct
+from base64 import b64encode
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,8 @@ from surface_files import (
 )
 from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonCore import vtkBitArray, vtkStringArray
+from vtkmodules.vtkCommonDataModel import vtkCellArray
+from vtkmodules.vtkCommonExecutionModel import vtkTrivialProducer
 from vtkmodules.vtkFiltersSources import vtkSphereSource
 from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLPolyDataWriter
 
@@ -96,6 +99,107 @@ def test_several_pieces(tmp_path: Path) -> None:
     text = (tmp_path / "a.vtp").read_bytes()
     assert text.count(b"<Piece") == 4
     assert "Normals" in same_as_vtk(tmp_path / "a.vtp").point_data
+
+
+def array(name: str, values: str, form: str = 'format="ascii"', kind: str = "Int32") -> str:
+    return f'<DataArray type="{kind}" Name="{name}" {form}>{values}</DataArray>'
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("<VTKFile ", "<VTKFile xmlns='VTK' "),
+        (' format="ascii"', ""),
+        ('format="ascii"', 'format="ASCII"'),
+        ('NumberOfComponents="3"', 'NumberOfComponents="   3"'),
+        # A process of a parallel program that had no part of the surface.
+        ("</Piece>", '</Piece><Piece NumberOfPoints="0" NumberOfPolys="0"></Piece>'),
+        # A piece of points only has no cell arrays.
+        (
+            "</Piece>",
+            '</Piece><Piece NumberOfPoints="1"><PointData>'
+            f'{array("one", "1")}</PointData><Points><DataArray type="Float64" NumberOfComponents="3" format="ascii">'
+            "5 5 5</DataArray></Points></Piece>",
+        ),
+    ],
+)
+def test_what_other_programs_write(tmp_path: Path, old: str, new: str) -> None:
+    text = polydata_xml(tmp_path)
+    text = text.replace("<PointData>", "<PointData>" + array("one", "1 " * 30))
+    text = text.replace("<CellData>", "<CellData>" + array("two", "2 " * 40))
+    assert old in text
+    (tmp_path / "a.vtp").write_text(text.replace(old, new))
+    found = same_as_vtk(tmp_path / "a.vtp")
+    assert set(found.point_data) == {"one"} and found.cell_data["two"].tolist() == [2] * 40
+
+
+@pytest.mark.parametrize(("header", "size"), [("UInt32", "<I"), ("UInt64", "<Q")])
+@pytest.mark.parametrize("appended", [False, True])
+def test_a_header_that_is_encoded_by_itself(tmp_path: Path, header: str, size: str, appended: bool) -> None:
+    """As DOLFIN does, and not VTK, which reads it."""
+    text = polydata_xml(tmp_path).replace('header_type="UInt32"', f'header_type="{header}"')
+    values = (b64encode(struct.pack(size, 30)) + b64encode(bytes(range(30)))).decode()
+    form = 'format="appended" offset="0"' if appended else 'format="binary"'
+    text = text.replace("<PointData>", "<PointData>" + array("tag", "" if appended else values, form, "UInt8"))
+    if appended:
+        text = text.replace("</VTKFile>", f'<AppendedData encoding="base64">\n_{values}\n</AppendedData></VTKFile>')
+    (tmp_path / "a.vtp").write_text(re.sub(' compressor="[^"]*"', "", text))
+    assert same_as_vtk(tmp_path / "a.vtp").point_data["tag"].tolist() == list(range(30))
+
+
+def test_appended_values_without_their_underscore(tmp_path: Path) -> None:
+    text = polydata_xml(tmp_path)
+    values = b64encode(struct.pack("<I", 30) + bytes(range(30))).decode()
+    text = text.replace("<PointData>", "<PointData>" + array("tag", "", 'format="appended" offset="0"', "UInt8"))
+    text = text.replace("</VTKFile>", f'<AppendedData encoding="base64">{values}</AppendedData></VTKFile>')
+    (tmp_path / "a.vtp").write_text(re.sub(' compressor="[^"]*"', "", text))
+    assert read_surface(tmp_path / "a.vtp").point_data["tag"].tolist() == list(range(30))
+
+
+def test_the_first_of_several_time_steps(tmp_path: Path) -> None:
+    polydata, producer, writer = grid().to_polydata(), vtkTrivialProducer(), vtkXMLPolyDataWriter()
+    producer.SetOutput(polydata)
+    writer.SetInputConnection(producer.GetOutputPort())
+    writer.SetFileName(str(tmp_path / "a.vtp"))
+    writer.SetNumberOfTimeSteps(3)
+    writer.Start()
+    for step in range(3):
+        for data, count in ((polydata.GetPointData(), 30), (polydata.GetCellData(), 40)):
+            data.Initialize()
+            values = numpy_to_vtk(np.full(count, step), deep=True)
+            values.SetName("step")
+            data.AddArray(values)
+        polydata.GetPoints().SetPoint(0, -step, 0, 0)
+        polydata.GetPoints().Modified()
+        polydata.SetPolys(vtkCellArray())
+        for triangle in np.roll(grid().triangles, step, axis=0):
+            polydata.GetPolys().InsertNextCell(3, triangle)
+        producer.Modified()
+        writer.WriteNextTime(float(step))
+    writer.Stop()
+    assert (tmp_path / "a.vtp").read_bytes().count(b'TimeStep="2"') > 3
+    found = read_surface(tmp_path / "a.vtp")
+    np.testing.assert_array_equal(found.points, grid().points)
+    np.testing.assert_array_equal(found.triangles, grid().triangles)
+    assert not found.point_data["step"].any() and not found.cell_data["step"].any()
+
+
+def test_of_arrays_with_the_same_name_the_first_is_read(tmp_path: Path) -> None:
+    text = polydata_xml(tmp_path)
+    text = text.replace("<PointData>", "<PointData>" + array("tag", "1 " * 30) + array("tag", "2 " * 30))
+    (tmp_path / "a.vtp").write_text(text)
+    assert read_surface(tmp_path / "a.vtp").point_data["tag"].tolist() == [1] * 30
+
+
+@pytest.mark.parametrize(
+    ("codes", "expected"), [("195 169 0", "é"), ("-61 -87 0", "é"), ("65 233 0", "A\N{REPLACEMENT CHARACTER}")]
+)
+def test_letters_as_numbers(tmp_path: Path, codes: str, expected: str) -> None:
+    """Where C's char has no sign, VTK writes 195 rather than -61; and a label in another code is no damage."""
+    text = polydata_xml(tmp_path)
+    note = f'<FieldData><Array type="String" Name="note" NumberOfTuples="1" format="ascii">{codes}</Array></FieldData>'
+    (tmp_path / "a.vtp").write_text(text.replace("<Piece", note + "<Piece"))
+    assert read_surface(tmp_path / "a.vtp").field_data["note"].tolist() == [expected]
 
 
 def test_arrays_that_only_some_pieces_have_are_left_out(tmp_path: Path) -> None:
