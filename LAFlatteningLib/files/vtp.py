@@ -20,7 +20,8 @@ from ..surface import Surface, triangles_of_cells
 from .access import unreadable
 
 # What follows the "_" of raw appended data is not XML, up to the end of that element.
-_RAW_DATA = re.compile(rb"<AppendedData\s[^>]*encoding\s*=\s*[\"']raw[\"'][^>]*>\s*_")
+_APPENDED = re.compile(rb"<AppendedData\s([^<>]*)>\s*_")
+_RAW = re.compile(rb"encoding\s*=\s*[\"']raw[\"']")
 # Codes of expat for a text that ends too early: no element found, unclosed token, partial character.
 _UNFINISHED = (3, 5, 6)
 _TYPES = {
@@ -42,9 +43,9 @@ def read_vtp(path: Path) -> Surface:
     data = path.read_bytes()
     if b"<VTKFile" not in data[: 1 << 16]:
         raise unreadable(path, "it is not a VTK XML file (it has no VTKFile element)")
-    raw = _RAW_DATA.search(data)
-    appended, text = b"", data
-    if raw:
+    raw = _APPENDED.search(data)
+    appended, text = None, data
+    if raw and _RAW.search(raw[1]):
         end = data.rfind(b"</AppendedData")
         if end < raw.end():
             raise unreadable(path, "it is cut off (its AppendedData has no end)")
@@ -58,17 +59,19 @@ def read_vtp(path: Path) -> Surface:
         raise unreadable(path, f"it is {state} (XML: {error})") from error
     except _DocumentType as error:
         raise unreadable(path, "it declares a document type, which no file of VTK does") from error
+    except (LookupError, ValueError) as error:
+        raise unreadable(path, f"it is in an unknown encoding ({error})") from error
     _tidy(root)
     if root.tag != "VTKFile" or root.get("type") != "PolyData":
         raise unreadable(path, f"it holds {root.get('type', root.tag)}, expected PolyData")
     try:
-        return _XmlFile(root, appended if raw else None).surface()
+        return _XmlFile(root, appended).surface()
     except LAFlatteningError:
         raise
     except EOFError as error:
         raise unreadable(path, f"it is cut off or damaged in {error}") from error
     except (ValueError, LookupError, TypeError, OverflowError, MemoryError, zlib.error, lzma.LZMAError) as error:
-        raise unreadable(path, f"its contents make no sense ({error})") from error
+        raise unreadable(path, f"its contents make no sense ({str(error)[:200]})") from error
 
 
 class _DocumentType(Exception):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import struct
+import time
 from base64 import b64encode
 from pathlib import Path
 
@@ -249,6 +250,16 @@ def test_a_piece_with_the_points_of_another(tmp_path: Path) -> None:
         ("</Polys>", "</Poly>", "it is damaged (XML: mismatched tag: line"),
         ("<Piece", "<Peace", "it is damaged (XML:"),
         ("</VTKFile>", "", "it is cut off (XML: no element found: line"),
+        (
+            '<?xml version="1.0"?>',
+            '<?xml version="1.0" encoding="mine"?>',
+            "unknown encoding: mine",
+        ),
+        (
+            '<?xml version="1.0"?>',
+            '<?xml version="1.0" encoding="shift_jis"?>',
+            "in an unknown encoding",
+        ),
         ('<?xml version="1.0"?>', '<!DOCTYPE a [<!ENTITY b "c">]>', "declares a document type"),
     ],
 )
@@ -257,6 +268,21 @@ def test_damaged_vtp(tmp_path: Path, old: str, new: str, expected: str) -> None:
     assert old in text
     (tmp_path / "a.vtp").write_text(text.replace(old, new))
     assert expected in refusal(tmp_path / "a.vtp")
+
+
+def test_what_is_not_a_number_is_not_repeated_at_length(tmp_path: Path) -> None:
+    text = polydata_xml(tmp_path).replace("<PointData>", "<PointData>" + array("tag", "x" * 100000, kind="Float32"))
+    (tmp_path / "a.vtp").write_text(text)
+    assert len(refusal(tmp_path / "a.vtp")) < 500 + len(str(tmp_path))
+
+
+def test_the_search_for_raw_data_takes_no_time(tmp_path: Path) -> None:
+    text = polydata_xml(tmp_path)
+    for hard in ("<AppendedData " * 20000, "<AppendedData " + 'encoding="raw"' * 20000 + ">" + " " * 50000):
+        (tmp_path / "a.vtp").write_text(text.replace("<PolyData>", f"<!-- {hard} --><PolyData>"))
+        start = time.perf_counter()
+        read_surface(tmp_path / "a.vtp")
+        assert time.perf_counter() - start < 5
 
 
 @pytest.mark.parametrize(("values", "space"), [(["RAS"], "RAS"), (["LPS", "RAS"], "LPS"), (["x"], "LPS"), ([], "LPS")])
