@@ -19,7 +19,8 @@ from ..errors import LAFlatteningError
 from ..surface import Surface, triangles_of_cells
 from .access import unreadable
 
-# What follows the "_" of raw appended data is not XML, up to the end of that element.
+# What follows the "_" of raw appended data is not XML, up to the end of that element. (Two searches, since one for both
+# takes time without end in some texts.)
 _APPENDED = re.compile(rb"<AppendedData\s([^<>]*)>\s*_")
 _RAW = re.compile(rb"encoding\s*=\s*[\"']raw[\"']")
 # Codes of expat for a text that ends too early: no element found, unclosed token, partial character.
