@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,8 @@ from .. import operators
 from ..constraints import Constraints
 from ..division import Division
 from ..errors import FoldError
+from ..geodesic_lines import Line
+from ..insertion import Inserted, insert_lines
 from ..surface import FloatArray, IntArray, Surface
 
 
@@ -123,6 +126,49 @@ def flip_folded(
             flipped += 1
             break
     return (surface.with_triangles(triangles), flipped) if flipped else (surface, 0)
+
+
+def split_crossing(division: Division, constraints: Constraints) -> Division:
+    """The division with a point amid every edge between two places of rims and paths that would run across an opening,
+    or across a path, on the map.
+
+    Such places lie beside each other on the atrium, but the outline of an opening is in the way on the template: the
+    edge is straight there, so that triangles at it fold whatever the solver does. With a free point it can bend. Points
+    keep their ids, and rims, paths and their places stay.
+
+    Returns
+    -------
+    division : the same object if there was nothing to split.
+    """
+    surface = division.surface
+    held, placed = np.zeros(len(surface.points), bool), np.zeros((len(surface.points), 2))
+    held[constraints.ids], placed[constraints.ids] = True, constraints.targets
+    lines = [
+        *(np.stack([loop, np.roll(loop, -1)], axis=1) for loop in division.loops.values()),
+        *(np.stack([path[:-1], path[1:]], axis=1) for path in division.paths.values()),
+    ]
+    pieces = np.concatenate(lines)
+    keys = pieces.min(axis=1) * len(surface.points) + pieces.max(axis=1)
+    ends = surface.edges.points
+    between = np.flatnonzero((surface.edges.usage == 2) & held[ends].all(axis=1) & ~np.isin(surface.edge_keys, keys))
+    crossing = between[_cross(placed[ends[between]], placed[pieces])]
+    if not len(crossing):
+        return division
+    middles = {f"middle {k}": Line(ends[k, None], np.array([0.5]), (), np.zeros(0)) for k in crossing}
+    split = insert_lines(Inserted(surface, division.parent, {}), middles)
+    return replace(division, surface=split.surface, parent=split.parent)
+
+
+def _cross(segments: FloatArray, others: FloatArray) -> NDArray[np.bool_]:
+    """Which segments (k, 2, 2) cross any of some others (l, 2, 2), not only touch them."""
+
+    def sides(line: FloatArray, points: FloatArray) -> FloatArray:
+        """Twice the signed area of each line (..., 2, 2) with both of some points (..., 2, 2)."""
+        along, to = line[..., 1:, :] - line[..., :1, :], points - line[..., :1, :]
+        return along[..., 0] * to[..., 1] - along[..., 1] * to[..., 0]
+
+    one, other = segments[:, None], others[None]
+    return ((sides(one, other).prod(axis=2) < 0.0) & (sides(other, one).prod(axis=2) < 0.0)).any(axis=1)
 
 
 def _folded(triangles: IntArray, held: NDArray[np.bool_], placed: FloatArray) -> NDArray[np.bool_]:

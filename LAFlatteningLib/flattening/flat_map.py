@@ -42,7 +42,7 @@ class FlatMap:
     Attributes
     ----------
     solution : (n + p, 2) map positions of the points of ``division.surface``: those of the cavity and, in the method
-        ``regional``, the places of the paths between them.
+        ``regional``, the places of the paths between them, and now and then a place beside a path (`split_crossing`).
     surface : the cavity in 3D, mm, with the triangles of the map (some edges flipped, see `flipped_edges`).
     cavity, seeds, division, constraints : the steps before.
     template, method, rounding : how it was made; rounding only for the method "paper".

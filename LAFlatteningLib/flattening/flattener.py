@@ -22,7 +22,7 @@ from ..solvers import harmonic, published_least_squares
 from ..subcontours import ROUNDINGS
 from ..surface import FloatArray, IntArray, Surface
 from ..template import DEFAULT_TEMPLATE, Template
-from .chords import flip_chords, flip_folded
+from .chords import flip_chords, flip_folded, split_crossing
 from .coarse import COARSE_POINTS, COARSE_STEPS, CoarseCopy, Start, coarsened
 from .flat_map import FlatMap
 from .preview import Preview, Previewer
@@ -145,6 +145,7 @@ class Flattener:
                             break
                         flipped += more
                         division, constraints = self._divide(cavity, surface, snapped)
+                    division = split_crossing(division, constraints)
             report(progress, 0.3, "Flattening")
             if self.method == "paper":
                 flat = self._solve_as_published(surface, constraints, watch, progress)

@@ -19,7 +19,7 @@ from LAFlatteningLib.division import label_regions
 from LAFlatteningLib.errors import Cancelled, LAFlatteningError
 from LAFlatteningLib.files import read_seeds, read_surface
 from LAFlatteningLib.flattening import Flattener, flatten, refinement
-from LAFlatteningLib.flattening.chords import flip_chords, flip_folded
+from LAFlatteningLib.flattening.chords import flip_chords, flip_folded, split_crossing
 from LAFlatteningLib.phantom import make_phantom
 from LAFlatteningLib.remeshing import remesh
 from LAFlatteningLib.solvers import Factorisation, harmonic, published_least_squares
@@ -118,6 +118,30 @@ def test_a_chain_of_ears_is_flipped():
     assert flipped.genus == 0
     assert sorted(map(len, flipped.boundary_loops)) == [30, 32]
     assert operators.signed_areas(flipped.points[:, :2], flipped.triangles).min() > 0
+
+
+def test_edges_that_run_into_an_opening_of_the_map_get_a_point():
+    """A path led along a rim leaves edges between the two that the outline of the opening is in the way of."""
+    surface, seeds = seeds_on_rims()
+    flat_map = flatten(surface, seeds)
+    cut, held = flat_map.division.surface, np.zeros(len(flat_map.solution), bool)
+    held[flat_map.constraints.ids] = True
+    assert (~held[len(surface.points) :]).sum() == 2
+    assert len(flat_map.freed_path_points) == 0
+    assert flat_map.path_drift < 1e-12
+    assert operators.signed_areas(flat_map.solution, cut.triangles).min() > 0
+    assert len(flat_map.folded_triangles) == 0
+    # The shape is the same, and each part lies in its triangle.
+    area = np.bincount(flat_map.division.parent, cut.triangle_areas, len(flat_map.triangles))
+    np.testing.assert_allclose(area, flat_map.surface.triangle_areas, rtol=1e-12)
+    # There is nothing left to split.
+    assert split_crossing(flat_map.division, flat_map.constraints) is flat_map.division
+
+
+def seeds_on_rims():
+    """A coarse phantom whose seeds of veins lie at their rims, 4 mm and more from the middle of the ostium."""
+    made = make_phantom(600)
+    return made.surface, moved(made.seeds, made.surface, 4.0, np.random.default_rng(7))
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
