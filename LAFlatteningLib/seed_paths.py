@@ -167,11 +167,14 @@ def connect_seeds(
     """
     result = _connect(cavity, seeds, anatomy, ways)
     _check_not_mirrored(result, anatomy)
-    if check_axes and cavity.closed.axes_known:
+    directions = check_axes and cavity.closed.axes_known
+    if directions:
         check_directions(seeds.positions, cavity.closed.space, anatomy)
     if _misplaced(result, anatomy, ways):
         _explain(cavity, seeds, anatomy, ways, result)
     _check_rotation(seeds, anatomy, ways)
+    if not directions:
+        _check_round_faces(cavity, seeds, anatomy, ways)
     return replace(result, notes=(*_far_seeds(seeds, anatomy, ways), *_close_seeds(cavity, seeds, anatomy)))
 
 
@@ -261,7 +264,11 @@ def _explain(cavity: Cavity, seeds: SnappedSeeds, anatomy: Anatomy, ways: Ways, 
     for a, b in (pair for kind in kinds for pair in combinations(kind, 2)):
         renamed = seeds.renamed({a: b, b: a})
         attempt = _connect(cavity, renamed, anatomy, ways)
-        if not _misplaced(attempt, anatomy, ways) and _shift(renamed, anatomy, ways)[0] == 0:
+        if (
+            not _misplaced(attempt, anatomy, ways)
+            and _shift(renamed, anatomy, ways)[0] == 0
+            and not _shorter_round_faces(renamed, anatomy, ways)
+        ):
             length = sum(attempt.lengths.values())
             candidates.append((length, a, b))
     if candidates:
@@ -292,6 +299,48 @@ def _check_rotation(seeds: SnappedSeeds, anatomy: Anatomy, ways: Ways) -> None:
             f"to them are {now:.0f} mm long together, {best:.0f} mm with {renames}.",
             order,
         )
+
+
+def _check_round_faces(cavity: Cavity, seeds: SnappedSeeds, anatomy: Anatomy, ways: Ways) -> None:
+    """Raise SeedError if seeds of holes, moved on round the region between them, stay in order and have shorter paths.
+
+    Where the patient axes are known, they have told that already. Right labels have the shortest paths, by 4 % or more
+    (on nine real atria, and on 50 that were made of them by bending, twisting and stretching).
+    """
+    now = _total(seeds, anatomy, ways)
+    for length, names in _shorter_round_faces(seeds, anatomy, ways):
+        renamed = seeds.renamed(names)
+        attempt = _connect(cavity, renamed, anatomy, ways)
+        if not _misplaced(attempt, anatomy, ways) and _shift(renamed, anatomy, ways)[0] == 0:
+            renames = ", ".join(f"{old} as {new}" for new, old in names.items())
+            raise SeedError(
+                f"Seeds {', '.join(names)} look moved on, each to the opening of its neighbour: all paths are "
+                f"{now:.0f} mm long together, {length:.0f} mm with {renames}.",
+                tuple(names),
+            )
+
+
+def _shorter_round_faces(seeds: SnappedSeeds, anatomy: Anatomy, ways: Ways) -> list[tuple[float, dict[str, str]]]:
+    """The ways to move the seeds of holes on round a region between holes that give shorter paths, the shortest first:
+    their length, mm, and label -> the label whose place it takes."""
+    now, found = _total(seeds, anatomy, ways), []
+    for region in anatomy.regions:
+        holes = [anatomy.paths[path][end] for path, end in anatomy.face(region)]
+        if not set(holes) <= set(anatomy.holes) or len(set(holes)) < len(holes):
+            continue
+        for step in range(1, len(holes)):
+            names = dict(zip(holes, holes[step:] + holes[:step], strict=True))
+            length = _total(seeds, anatomy, ways, names)
+            if length < now:
+                found.append((length, names))
+    return sorted(found, key=lambda one: one[0])
+
+
+def _total(seeds: SnappedSeeds, anatomy: Anatomy, ways: Ways, names: Mapping[str, str] | None = None) -> float:
+    """Length of all paths together, along edges, mm; `names`: label -> the label whose place it takes."""
+    names = names or {}
+    pairs = ((names.get(a, a), names.get(b, b)) for a, b in anatomy.paths.values())
+    return sum(ways.distance(seeds, *(pair if pair[0] not in anatomy.outer_seeds else pair[::-1])) for pair in pairs)
 
 
 def _far_seeds(seeds: SnappedSeeds, anatomy: Anatomy, ways: Ways) -> tuple[str, ...]:

@@ -1,5 +1,7 @@
 """Seeds, paths, feet and regions, on the phantom whose answers are known."""
 
+from itertools import permutations
+
 import numpy as np
 import pytest
 
@@ -196,6 +198,27 @@ def test_labels_that_contradict_the_patient_axes_are_refused(cavity, phantom, ki
     seeds = {label: phantom.seeds[names.get(label, label)] for label in phantom.seeds}
     with pytest.raises(SeedError, match=r"By the axes of the surface \(LPS\)|anatomy is mirrored"):
         connect(cavity, seeds, check_axes=True)
+
+
+@pytest.mark.parametrize("ways", [WaysAcrossOstia, WaysOverCovers])
+def test_veins_moved_on_are_named_without_the_axes(cavity, phantom, ways):
+    """All rims are in order, as far as paths tell; but the paths would be shorter with the labels moved back."""
+    names = WRONG_LABELS["veins moved back"]
+    seeds = {label: phantom.seeds[names.get(label, label)] for label in phantom.seeds}
+    with pytest.raises(SeedError, match=r"look moved on, each to .*RSPV as RIPV") as caught:
+        connect(cavity, seeds, ways)
+    assert set(caught.value.labels) == {"RSPV", "RIPV", "LIPV", "LSPV"}
+
+
+@pytest.mark.parametrize("three", list(permutations(("RSPV", "RIPV", "LIPV", "LSPV"), 3)))
+def test_no_exchange_is_proposed_that_leaves_veins_moved_on(cavity, phantom, three):
+    """Three labels moved on are no swap: exchanging two of them, or one and the fourth, does not put them right."""
+    names = dict(zip(three, three[1:] + three[:1], strict=True))
+    seeds = {label: phantom.seeds[names.get(label, label)] for label in phantom.seeds}
+    with pytest.raises(SeedError) as caught:
+        connect(cavity, seeds)
+    assert "look swapped" not in str(caught.value)
+    assert set(three) <= set(caught.value.labels)
 
 
 @pytest.mark.parametrize("turn", [(-1, -1, 1), (1, -1, -1), (-1, 1, -1)])
