@@ -166,7 +166,8 @@ def boundary_loops(triangles: IntArray, mesh_edges: Edges) -> list[IntArray]:
 
     Raises
     ------
-    SurfaceError : if rims touch at a point, so that they cannot be told apart.
+    SurfaceError : if rims touch at a point, so that they cannot be told apart, or end, where triangles overlap or do
+        not all face the same way.
     """
     single = np.flatnonzero(mesh_edges.usage == 1)
     triangle = mesh_edges.triangles[single, 0]
@@ -178,6 +179,12 @@ def boundary_loops(triangles: IntArray, mesh_edges: Edges) -> list[IntArray]:
         raise SurfaceError(
             f"Rims of the surface touch at point {shown}. Expected every opening to have a rim of its own; "
             "clean the surface (remove isolated triangles at the rim) or remesh it."
+        )
+    ends = np.setxor1d(start, end)
+    if len(ends):
+        raise SurfaceError(
+            f"A rim of the surface begins or ends at point {ends[0]}. Expected rims that lead back to their start; "
+            "clean the surface (remove triangles that overlap or face the other way) or remesh it."
         )
     successor = dict(zip(start.tolist(), end.tolist(), strict=True))
     loops = []

@@ -133,6 +133,13 @@ def test_touching_rims_are_refused():
         _ = Surface(points, np.array([[0, 1, 2], [0, 3, 4]])).boundary_loops
 
 
+def test_a_rim_that_does_not_come_back_is_refused():
+    """Two triangles lie on one place, and a third on one of their edges, so that this has three."""
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0.0]])
+    with pytest.raises(SurfaceError, match="begins or ends at point 0"):
+        _ = Surface(points, np.array([[0, 3, 1], [3, 1, 0], [2, 1, 0]])).boundary_loops
+
+
 # ---- operators ----
 
 
