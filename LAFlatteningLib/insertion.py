@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
 from typing import Any
@@ -34,6 +34,23 @@ class Inserted:
     def of(cls, surface: Surface) -> Inserted:
         """A surface with nothing inserted."""
         return cls(surface, np.arange(len(surface.triangles)), {})
+
+    @cached_property
+    def line_keys(self) -> IntArray:
+        """The edges of all lines, each as one number, see `Surface.edge_keys`."""
+        pairs = np.concatenate([np.stack([ids[:-1], ids[1:]], axis=1) for ids in self.lines.values()])
+        return pairs.min(axis=1) * len(self.surface.points) + pairs.max(axis=1)
+
+    def edges_between(self, taken: NDArray[np.bool_]) -> IntArray:
+        """(k, 2) the edges inside the surface between two of some points (n,) that no line runs along."""
+        edges, keys = self.surface.edges, self.surface.edge_keys
+        return edges.points[(edges.usage == 2) & taken[edges.points].all(axis=1) & ~np.isin(keys, self.line_keys)]
+
+    def split_edges(self, edges: IntArray) -> Inserted:
+        """The surface with a new point amid each of some edges (k, 2)."""
+        middles = {f"middle {k}": Line(ends[None], np.array([0.5]), (), np.zeros(0)) for k, ends in enumerate(edges)}
+        split = insert_lines(replace(self, lines={}), middles)
+        return replace(split, lines=self.lines)
 
 
 def insert_lines(before: Inserted, lines: Mapping[str, Line]) -> Inserted:

@@ -337,7 +337,7 @@ def _lead_between(inserted: Inserted, name: str, start: int, stop: int) -> Inser
         return None
     mesh = HalfEdges.of(surface)
     mesh.angles[taken] = np.inf
-    mesh.twin[np.isin(mesh.edge_keys, _edge_keys(inserted))] = -1
+    mesh.twin[np.isin(mesh.edge_keys, inserted.line_keys)] = -1
     for point, neighbour in ((start, int(ids[1])), (stop, int(ids[-2]))):
         _turn_to(mesh, point, neighbour)
     strip = mesh.along(ids.tolist(), None, None)
@@ -361,12 +361,6 @@ def _turn_to(mesh: HalfEdges, point: int, neighbour: int) -> None:
     mesh.first[point] = h
 
 
-def _edge_keys(inserted: Inserted) -> IntArray:
-    """The edges of all paths, each as one number: smaller id times the number of points, plus larger id."""
-    pairs = np.concatenate([np.stack([ids[:-1], ids[1:]], axis=1) for ids in inserted.lines.values()])
-    return pairs.min(axis=1) * len(inserted.surface.points) + pairs.max(axis=1)
-
-
 def _open_channels(inserted: Inserted) -> tuple[Inserted, NDArray[np.bool_]]:
     """The surface with a new point on every edge between two points of rims and paths, and which points are theirs.
 
@@ -376,12 +370,6 @@ def _open_channels(inserted: Inserted) -> tuple[Inserted, NDArray[np.bool_]]:
     taken = np.zeros(len(surface.points), bool)
     for ids in (*surface.boundary_loops, *inserted.lines.values()):
         taken[ids] = True
-    edges = surface.edges
-    across = (edges.usage == 2) & taken[edges.points].all(axis=1) & ~np.isin(surface.edge_keys, _edge_keys(inserted))
-    middles = {
-        f"middle {k}": Line(ends[None], np.array([0.5]), (), np.zeros(0)) for k, ends in enumerate(edges.points[across])
-    }
-    opened = insert_lines(inserted, middles)
-    known = {name: ids for name, ids in opened.lines.items() if name not in middles}
+    opened = inserted.split_edges(inserted.edges_between(taken))
     free = np.zeros(len(opened.surface.points) - len(taken), bool)
-    return Inserted(opened.surface, opened.parent, known), np.concatenate([taken, free])
+    return opened, np.concatenate([taken, free])

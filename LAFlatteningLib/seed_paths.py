@@ -304,14 +304,13 @@ def _check_rotation(seeds: SnappedSeeds, anatomy: Anatomy, ways: Ways) -> None:
 def _check_round_faces(cavity: Cavity, seeds: SnappedSeeds, anatomy: Anatomy, ways: Ways) -> None:
     """Raise SeedError if seeds of holes, moved on round the region between them, stay in order and have shorter paths.
 
-    Where the patient axes are known, they have told that already. Right labels have the shortest paths, by 4 % or more
-    (on nine real atria, and on 50 that were made of them by bending, twisting and stretching).
+    Where the patient axes are known, they have told that already.
     """
-    now = _total(seeds, anatomy, ways)
     for length, names in _shorter_round_faces(seeds, anatomy, ways):
         renamed = seeds.renamed(names)
         attempt = _connect(cavity, renamed, anatomy, ways)
         if not _misplaced(attempt, anatomy, ways) and _shift(renamed, anatomy, ways)[0] == 0:
+            now = _total(seeds, anatomy, ways)
             renames = ", ".join(f"{old} as {new}" for new, old in names.items())
             raise SeedError(
                 f"Seeds {', '.join(names)} look moved on, each to the opening of its neighbour: all paths are "

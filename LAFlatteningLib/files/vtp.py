@@ -36,8 +36,8 @@ _CELLS = ("Verts", "Lines", "Polys", "Strips")
 def read_vtp(path: Path) -> Surface:
     """Read a VTK XML file of a surface: text, base64 or raw, compressed with zlib, LZMA or LZ4, in either byte order.
 
-    Not with vtkXMLPolyDataReader, which one in fifty randomly damaged files makes end the whole program. Several pieces
-    are joined, with the arrays that all of them have.
+    Not with vtkXMLPolyDataReader, which about one in a hundred randomly damaged files makes end the whole program.
+    Several pieces are joined, with the arrays that all of them have.
 
     Source: the chapter on XML file formats of VTK's documentation, and files that VTK's writers made.
     """
@@ -301,12 +301,12 @@ def _whole(decompressor: Any, packed: bytes, size: int) -> bytes:
 
 
 def _unpack_lz4(packed: bytes, size: int) -> bytes:
-    compressor = vtkLZ4DataCompressor()
-    # Without an observer VTK prints its errors.
-    compressor.AddObserver("ErrorEvent", lambda _caller, _event: None)
     # LZ4 does not pack more tightly.
     if size > 255 * len(packed):
         return b""
+    compressor = vtkLZ4DataCompressor()
+    # Without an observer VTK prints its errors.
+    compressor.AddObserver("ErrorEvent", lambda _caller, _event: None)
     unpacked = bytearray(size)
     return bytes(unpacked[: compressor.Uncompress(packed, len(packed), unpacked, size)])
 

@@ -12,8 +12,7 @@ from .. import operators
 from ..constraints import Constraints
 from ..division import Division
 from ..errors import FoldError
-from ..geodesic_lines import Line
-from ..insertion import Inserted, insert_lines
+from ..insertion import Inserted
 from ..surface import FloatArray, IntArray, Surface
 
 
@@ -143,19 +142,18 @@ def split_crossing(division: Division, constraints: Constraints) -> Division:
     surface = division.surface
     held, placed = np.zeros(len(surface.points), bool), np.zeros((len(surface.points), 2))
     held[constraints.ids], placed[constraints.ids] = True, constraints.targets
-    lines = [
-        *(np.stack([loop, np.roll(loop, -1)], axis=1) for loop in division.loops.values()),
-        *(np.stack([path[:-1], path[1:]], axis=1) for path in division.paths.values()),
-    ]
-    pieces = np.concatenate(lines)
-    keys = pieces.min(axis=1) * len(surface.points) + pieces.max(axis=1)
-    ends = surface.edges.points
-    between = np.flatnonzero((surface.edges.usage == 2) & held[ends].all(axis=1) & ~np.isin(surface.edge_keys, keys))
-    crossing = between[_cross(placed[ends[between]], placed[pieces])]
+    inserted = Inserted(surface, division.parent, division.paths)
+    between = inserted.edges_between(held)
+    pieces = np.concatenate(
+        [
+            *(np.stack([loop, np.roll(loop, -1)], axis=1) for loop in division.loops.values()),
+            *(np.stack([path[:-1], path[1:]], axis=1) for path in division.paths.values()),
+        ]
+    )
+    crossing = between[_cross(placed[between], placed[pieces])]
     if not len(crossing):
         return division
-    middles = {f"middle {k}": Line(ends[k, None], np.array([0.5]), (), np.zeros(0)) for k in crossing}
-    split = insert_lines(Inserted(surface, division.parent, {}), middles)
+    split = inserted.split_edges(crossing)
     return replace(division, surface=split.surface, parent=split.parent)
 
 

@@ -28,9 +28,7 @@ from vtkmodules.vtkFiltersSources import vtkSphereSource
 from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLPolyDataWriter
 
 from LAFlatteningLib.errors import LAFlatteningError
-from LAFlatteningLib.files import (
-    read_surface,
-)
+from LAFlatteningLib.files import read_surface
 from LAFlatteningLib.surface import Surface
 
 __all__ = ["silence"]
